@@ -17,7 +17,7 @@ from slrl_sumo.learning.supervised.model_card import model_card
 from slrl_sumo.learning.supervised.modes import cluster
 from slrl_sumo.learning.supervised.network_training import HEADING, rolled, train_displacement, train_prior
 from slrl_sumo.learning.supervised.windows import FUTURE, Windows, joined, mirrored, windows
-from slrl_sumo.learning.supervised.winner_takes_all import mode_errors, responsibilities, train_winners
+from slrl_sumo.learning.supervised.winner_takes_all import mode_errors, train_path_prior, train_winners
 from slrl_sumo.models.bundle import ModelBundle, weights_of
 from slrl_sumo.models.bundle_config import BundleConfig
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacement
@@ -142,15 +142,13 @@ def _fit(
         # 16 m/s could not stop.
         models.networks.scale[:, company] = 0.0
     generator = torch.Generator().manual_seed(seed)
-    likely: Longs | Floats = mode
     if modes == "paths":
         mode = train_winners(models, train, mode, epochs, generator, forget=forget, horizon=horizon)
         centres, counts = _of_modes(goal, train.type, mode, centres)
-        # Several similar modes predict a path nearly equally well: the best mode alone carries little information.
-        likely = responsibilities(mode_errors(models, train, horizon), train.type)
+        train_path_prior(prior, models, train, epochs, generator, horizon)
     else:
         train_displacement(models, train, mode, epochs, generator, forget=forget, horizon=horizon)
-    train_prior(prior, train, likely, epochs, generator)
+        train_prior(prior, train, mode, epochs, generator)
 
     training: dict[str, Any] = {
         "recordings": [{"source": r.source, "licence": r.licence, "tracks": len(r.ids)} for r in recordings],

@@ -258,11 +258,20 @@ def huber(error: Tensor) -> Tensor:
     return functional.smooth_l1_loss(error, torch.zeros_like(error))
 
 
-def train_prior(prior: Prior, train: Windows, mode: Longs | Floats, epochs: int, generator: torch.Generator) -> None:
+def train_prior(
+    prior: Prior,
+    train: Windows,
+    mode: Longs | Floats,
+    epochs: int,
+    generator: torch.Generator,
+    rows: int = 128,
+    blocks: int = 36,
+) -> None:
     """Train the mode classifiers of all types at once, with cross-entropy against the modes (N,), or their
     probabilities (N, modes).
 
     The weights have a Gaussian prior (PRIOR_PENALTY), which regularises types with few windows more strongly.
+    An optimiser step has `blocks` blocks of `rows` windows (see `batches`).
     """
     prior.networks.initialise(generator)
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
@@ -271,11 +280,11 @@ def train_prior(prior: Prior, train: Windows, mode: Longs | Floats, epochs: int,
     random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
     optimizer = torch.optim.Adam(prior.parameters())
     for _ in epochs_of(epochs, "prior", optimizer):
-        for rows in batches(train.type, 128, 36, random):
-            t = kind[rows[:, 0]]
-            logits = prior.networks(turned(vector[rows], generator), t, torch.zeros_like(t))
+        for some in batches(train.type, rows, blocks, random):
+            t = kind[some[:, 0]]
+            logits = prior.networks(turned(vector[some], generator), t, torch.zeros_like(t))
             size = torch.stack([weight.square().sum() for weight in prior.networks.weight]).sum()
-            error = functional.cross_entropy(logits.flatten(0, 1), chosen[rows].flatten(0, 1))
+            error = functional.cross_entropy(logits.flatten(0, 1), chosen[some].flatten(0, 1))
             error = error + PRIOR_PENALTY / len(train) * size
             optimizer.zero_grad()
             torch.autograd.backward(error)

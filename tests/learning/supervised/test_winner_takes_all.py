@@ -10,7 +10,7 @@ from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.learning.supervised.fit import fit
 from slrl_sumo.learning.supervised.network_training import HEADING, rolled
 from slrl_sumo.learning.supervised.windows import mirrored, windows
-from slrl_sumo.learning.supervised.winner_takes_all import mode_errors, responsibilities
+from slrl_sumo.learning.supervised.winner_takes_all import mode_errors, prior_rows, responsibilities
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.features import PAST_SPEED, PAST_YAW_RATE, STATES, YAW_RATE
 from slrl_sumo.studies.prediction.predictors import held_mode
@@ -109,6 +109,28 @@ def test_modes_that_predict_a_path_nearly_as_well_share_it() -> None:
     assert found[0] == pytest.approx(likely / likely.sum())
     assert found[1] == pytest.approx(np.exp([0.0, -1.0, 0.0]) / (2.0 + np.exp(-1.0)))
     assert found[2] == pytest.approx(np.exp([-4.0, 0.0, 0.0]) / (2.0 + np.exp(-4.0)))
+
+
+def test_the_prior_has_enough_steps_for_few_windows_and_a_bound_for_many() -> None:
+    assert prior_rows(30_000) == 32  # 117 steps of 8 blocks
+    assert prior_rows(96_000) == 100
+    assert prior_rows(1_000_000) == 576
+    assert prior_rows(10) == 32
+
+
+def test_the_prior_tells_those_that_stand_from_those_that_walk(walkers: Trajectories, learned: ModelBundle) -> None:
+    """Its probabilities let the central path stand where road users stand, after the few epochs of this fit."""
+    every = windows([walkers], 1, "history", STEPS)
+    stands = every.take((every.vector[:, 0] < 0.01) & (every.frame > 20))
+    goes = every.take((every.vector[:, 0] > 1.0) & (every.frame > 20))
+    far = []
+    with torch.inference_mode():
+        for some in (stands, goes):
+            vector, kind = torch.from_numpy(some.vector), torch.full((20,), 2)
+            path = rolled(learned.displacement, vector.expand(20, -1, -1), kind, torch.arange(20), STEPS)[0]
+            likely = torch.softmax(learned.prior.logits(vector, kind[:1].expand(len(some))), -1)
+            far.append(float((likely.T * path[:, :, -1].norm(dim=-1)).sum(0).mean()))
+    assert far[0] < 0.5 < 4.0 < far[1]
 
 
 def test_paths_do_not_depend_on_company(learned: ModelBundle) -> None:
