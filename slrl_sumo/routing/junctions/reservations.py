@@ -178,6 +178,7 @@ class JunctionReservations:
         lanes, _ = lanes_through(track, entry.stop_line)
         if not lanes:
             return True
+        junction = junction_of(lanes[0])
         mine = self._passing(vehicle, track, entry, priority=priority, size=size, too_late=too_late)
         if mine is None:
             return False
@@ -186,7 +187,7 @@ class JunctionReservations:
             if mine.entry_time < math.inf:
                 lanes, ahead = lanes_through(track, track.s - size.length)
                 mine = mine._replace(way=self._areas.way(lanes), ahead=ahead)
-            self._hold(vehicle, junction_of(lanes[0]), mine)
+            self._hold(vehicle, junction, mine)
         return True
 
     def _passing(
