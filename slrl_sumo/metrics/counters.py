@@ -16,6 +16,7 @@ from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 from slrl_sumo.simulation.events import Decision
+from slrl_sumo.simulation.excluded import unseen_notices
 
 MOST_REFUSALS = 100
 """Greatest number of refused road users in a summary: each has a message of SUMO."""
@@ -196,9 +197,7 @@ class RunCounters:
 
     def notices(self) -> list[str]:
         """Notices at the end of a run: excluded ids that never appeared, and a jam of the traffic (see `Density`)."""
-        notices = []
-        if self._not_seen:
-            notices.append(f"exclude: no road user had one of the ids {', '.join(sorted(self._not_seen))}")
+        notices = unseen_notices(self._not_seen)
         if (jam := self._density.jam()) is not None:
             notices.append(jam)
         return notices

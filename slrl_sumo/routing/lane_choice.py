@@ -57,7 +57,8 @@ class LaneChoice:
         if not (track.edges or path.route) or path.lanes[0].startswith(":") or path.lane_at(track.s) > 0:
             return None
         if abs(track.lateral_offset) > CHANGING:
-            return self._change_to(path, track, world, i, track.lateral_offset, path.line.at(track.s)[2], 0.0)
+            near, direction = self._near(track, world), path.line.at(track.s)[2]
+            return self._change_to(path, near, i, track.lateral_offset, direction, 0.0)
         # SUMO inserts vehicles beside a vehicle that is changing to their lane, because it is not on that lane yet.
         settles = world.time < track.history.begun + SETTLES
         left = path.ends[0] - track.s
@@ -94,11 +95,12 @@ class LaneChoice:
         s, lateral_offset = path.line.nearest(x, y, end=path.ends[0])
         if abs(lateral_offset) > MOST_ASIDE:
             return None
-        change = self._change_to(path, track, world, i, lateral_offset, path.line.at(s)[2], left)
+        near = self._near(track, world)
+        change = self._change_to(path, near, i, lateral_offset, path.line.at(s)[2], left)
         if not always and not self._gets_on_better(track, world, change, target):
             return None
         changed = replace(track, path=path, s=s, lateral_offset=lateral_offset)
-        entering = [row for row, other in self._near(track, world) if _enters(other, target)]
+        entering = [row for row, other in near if _enters(other, target)]
         gap = has_gap(world, change, entering, self._levels)
         if gap and self._passes(world, i, changed):
             track.path, track.s, track.lateral_offset, track.history.changed = path, s, lateral_offset, world.time
@@ -107,18 +109,17 @@ class LaneChoice:
     def _change_to(
         self,
         path: LanePath,
-        track: VehicleTrack,
-        world: WorldState,
+        near: list[tuple[int, VehicleTrack]],
         i: int,
         lateral_offset: float,
         direction: float,
         left: float,
     ) -> LaneChange:
-        """The lane change of the vehicle in row `i` to the first lane of `path`."""
+        """The lane change of the vehicle in row `i` to the first lane of `path`; `near`: see `_near`."""
         target = path.lanes[0]
         begin, _ = path.line.nearest(*self._graph.lanes[target].points[0], end=path.ends[0])
         lane = NextLane(path.line, begin, self._approaches(target))
-        after = ((row, _after_junction(other)) for row, other in self._near(track, world))
+        after = ((row, _after_junction(other)) for row, other in near)
         beside = [name for name in self._graph.lanes_of(target) if name != target]
         elsewhere = tuple(row for row, name in after if name in beside)
         return LaneChange(i, lateral_offset, direction, left, lane, elsewhere)

@@ -8,6 +8,11 @@ Excluded = Collection[str] | str
 """Ids, or as text 'ego,bus_3'."""
 
 
+def unseen_notices(ids: Collection[str]) -> list[str]:
+    """The notice that no road user had one of these excluded ids; empty without ids."""
+    return [f"exclude: no road user had one of the ids {', '.join(sorted(ids))}"] if ids else []
+
+
 def parse_excluded(given: Excluded) -> tuple[str, ...]:
     """The unique ids, sorted. Raises InputError for ids that are empty or not texts."""
     ids = [road_user.strip() for road_user in given.split(",")] if isinstance(given, str) and given else given

@@ -156,9 +156,10 @@ class JunctionReservations:
 
     def is_free(self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size) -> bool:
         """Whether a learned vehicle could pass the line of an `entry` on the path of `track`; reserves nothing."""
-        if not lanes_through(track, entry.stop_line)[0]:
+        through = lanes_through(track, entry.stop_line)
+        if not through[0]:
             return True
-        passing = self._passing(vehicle, track, entry, priority=priority, size=size, too_late=False)
+        passing = self._passing(vehicle, track, entry, through, priority=priority, size=size, too_late=False)
         return passing is not None
 
     def is_crossed(self, entry: JunctionEntry) -> bool:
@@ -175,11 +176,10 @@ class JunctionReservations:
     def _reserve(
         self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size, too_late: bool
     ) -> bool:
-        lanes, _ = lanes_through(track, entry.stop_line)
-        if not lanes:
+        through = lanes_through(track, entry.stop_line)
+        if not through[0]:
             return True
-        junction = junction_of(lanes[0])
-        mine = self._passing(vehicle, track, entry, priority=priority, size=size, too_late=too_late)
+        mine = self._passing(vehicle, track, entry, through, priority=priority, size=size, too_late=too_late)
         if mine is None:
             return False
         if too_late or entry.stop_line - track.s <= reserves_from(track.speed):
@@ -187,15 +187,25 @@ class JunctionReservations:
             if mine.entry_time < math.inf:
                 lanes, ahead = lanes_through(track, track.s - size.length)
                 mine = mine._replace(way=self._areas.way(lanes), ahead=ahead)
-            self._hold(vehicle, junction, mine)
+            self._hold(vehicle, junction_of(through[0][0]), mine)
         return True
 
     def _passing(
-        self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size, too_late: bool
+        self,
+        vehicle: str,
+        track: VehicleTrack,
+        entry: JunctionEntry,
+        through: tuple[tuple[str, ...], tuple[float, ...]],
+        *,
+        priority: bool,
+        size: Size,
+        too_late: bool,
     ) -> Occupant | None:
-        """The vehicle as an occupant that passes the line of an `entry`; None if its way is not free."""
-        distance = entry.stop_line - track.s
-        lanes, ahead = lanes_through(track, entry.stop_line)
+        """The vehicle as an occupant that passes the line of an `entry`; None if its way is not free.
+
+        `through`: see `lanes_through`.
+        """
+        (lanes, ahead), distance = through, entry.stop_line - track.s
         junction, way = junction_of(lanes[0]), self._areas.way(lanes)
         pause, exits = stops_inside(track, entry)
         # The vehicle stops STOP_LINE before the line; past the line it would block vehicles with priority.

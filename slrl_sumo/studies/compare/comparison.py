@@ -19,7 +19,7 @@ from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.simulation.excluded import Excluded, parse_excluded
+from slrl_sumo.simulation.excluded import Excluded, parse_excluded, unseen_notices
 from slrl_sumo.simulation.shares import parse_shares, served_shares
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
 from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, run_comparison
@@ -137,9 +137,8 @@ def _command(common: ComparedScenario, run: Run) -> str:
 
 
 def _notices(runs: dict[Run, Record], seed: int, exclude: str) -> list[str]:
-    lines = list(runs[Run(seed, ARMS[0])]["notices"])
-    if missing := sorted(set(parse_excluded(exclude)).difference(*(record["trips"] for record in runs.values()))):
-        lines.append(f"exclude: no road user had one of the ids {', '.join(missing)}")
+    unseen = set(parse_excluded(exclude)).difference(*(record["trips"] for record in runs.values()))
+    lines = [*runs[Run(seed, ARMS[0])]["notices"], *unseen_notices(unseen)]
     unknown = sorted({name for record in runs.values() for name in record["emissions"]["unknown"]})
     if unknown:
         lines.append(f"no emissions of {', '.join(unknown)}: this SUMO has no data for them")
