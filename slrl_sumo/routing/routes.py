@@ -10,6 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.junctions.occupants import Size, braking_distance, size_of
 from slrl_sumo.routing.junctions.reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
@@ -17,6 +18,7 @@ from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds
 from slrl_sumo.routing.lane_choice import LaneChoice
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
+from slrl_sumo.routing.lateral_positions import SharedPath, lateral_room, pass_persons
 from slrl_sumo.routing.speed_limits import REACTION_TIME, SpeedLimits, looking_speed
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
@@ -70,12 +72,15 @@ class Routes:
         self._near_end.clear()
         route = RouteAhead.unknown(n)
         lane_changes: list[LaneChange] = []
+        shared_paths: list[SharedPath] = []
         for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
             with self.refusals.of(world.ids[i]):
                 if walks:
                     self._add_pedestrian(route, world, i)
                 else:
                     self._add_vehicle(route, world, i, lane_changes)
+                    shared_paths += self._shared_path(world, i)
+        pass_persons(route, world, shared_paths)
         route.desired_speed[:] = np.minimum(
             route.desired_speed, cooperative_speeds(world, n, lane_changes, self._levels)
         )
@@ -136,6 +141,16 @@ class Routes:
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
         track.path.line.draw(track.s - 0.5 * size.length - behind, spacing, route.x, route.y, i)
+
+    def _shared_path(self, world: WorldState, i: int) -> list[SharedPath]:
+        """The path that the vehicle in row `i`, if it is a bicycle, shares with pedestrians, or has just left."""
+        track = self._vehicles.get(world.ids[i])
+        if track is None or world.type[i] != RoadUserType.BICYCLE:
+            return []
+        lane = self._graph.lanes[track.path.lanes[track.path.lane_at(track.s)]]
+        if lane.surface == Surface.SIDEWALK:
+            return [SharedPath(i, track, lateral_room(lane.width, world.width.item(i)))]
+        return [SharedPath(i, track, 0.0)] if track.lateral_position else []
 
     def _passes_junctions(self, world: WorldState, i: int, track: VehicleTrack) -> bool:
         """Whether the vehicle in row `i` could pass the lines ahead before which it cannot stop without haste, on the

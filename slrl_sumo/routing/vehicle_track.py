@@ -70,6 +70,8 @@ class VehicleTrack:
     """Position (m along the last lane) at which the route ends, negative from the lane's end; None: at the end."""
     route_id: str = ""
     """SUMO's id of the route of which `edges` are a part; '' for spawned vehicles."""
+    lateral_position: float = 0.0
+    """Lateral position within its lane that the vehicle holds, m to the left of the middle."""
     version: int = 0
     """Version of the lane graph with which the path was found."""
 

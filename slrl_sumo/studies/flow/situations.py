@@ -12,7 +12,16 @@ from slrl_sumo.studies.flow.scenarios.junctions import (
     roundabout,
     two_lane_roundabout,
 )
-from slrl_sumo.studies.flow.scenarios.roads import alone, bends, following, lane_drop, merge, motorway, overtaking
+from slrl_sumo.studies.flow.scenarios.roads import (
+    alone,
+    bends,
+    following,
+    lane_drop,
+    merge,
+    motorway,
+    overtaking,
+    shared_path,
+)
 from slrl_sumo.studies.flow.scenarios.scenario_files import SPEED_LIMIT
 from slrl_sumo.studies.flow.scenarios.towns import city, crossings, crowd, grid, town
 from slrl_sumo.studies.flow.scenarios.wheel import game
@@ -60,6 +69,7 @@ SITUATIONS: dict[str, TrafficCase] = {
     ),
     "following": TrafficCase("a platoon behind a car that stops twice, on one lane", 240.0, following),
     "overtaking": TrafficCase("cars and bicycles on a street of two lanes", 300.0, overtaking),
+    "shared-path": TrafficCase("bicycles and pedestrians on a path that they share", 300.0, shared_path),
     "bends": TrafficCase("a road with bends of 30, 60, 90, 110 and 130 degrees", 240.0, bends),
     "merge": TrafficCase(
         "a ramp with an acceleration lane of 200 m joins a road of one lane", 300.0, merge(900.0, 500.0)

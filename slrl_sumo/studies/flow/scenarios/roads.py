@@ -7,7 +7,7 @@ from pathlib import Path
 from slrl_sumo.netgen.motorway import RAMP_OPTIONS, place_motorway
 from slrl_sumo.netgen.plan import Edge, Plan
 from slrl_sumo.netgen.specs import MotorwaySpec
-from slrl_sumo.studies.flow.scenarios.scenario_files import element, flow, nodes, road, write_situation
+from slrl_sumo.studies.flow.scenarios.scenario_files import SPEED_LIMIT, element, flow, nodes, road, write_situation
 
 BENDS = (30, -60, 90, -110, 130)
 """Degrees by which the road turns to the left at each bend."""
@@ -50,6 +50,24 @@ def overtaking(folder: Path) -> Path:
     plan = Plan(nodes({"a": (0.0, 0.0), "b": (1000.0, 0.0)}), {"road": road("a", "b", 2)})
     riders = {"type": "rider", "begin": 0, "end": 3600, "period": 40}
     demand = [element("flow", id="riders", from_="road", to="road", **riders), flow("cars", "road", "road", 500.0)]
+    return write_situation(folder, plan, demand, 300.0)
+
+
+def shared_path(folder: Path) -> Path:
+    """A street with a path of 3 m on each side that pedestrians and bicycles share: a bicycle every 20 s and a person
+    every 15 s on each."""
+    lanes = ({"allow": "pedestrian bicycle", "width": "3.00"}, {"disallow": "pedestrian bicycle"})
+    places = nodes({"w": (-200.0, 0.0), "m": (0.0, 0.0), "e": (160.0, 80.0)})
+    plan = Plan(places, {f"{a}{b}": Edge(a, b, SPEED_LIMIT, lanes) for a, b in ("wm", "mw", "em", "me")})
+    demand = []
+    for a, b in ("we", "ew"):
+        walk = element("walk", edges=f"{a}m m{b}")
+        persons = element("personFlow", id=f"persons{a}", begin=0, end=3600, period="exp(0.067)")
+        demand += [
+            flow(f"cars{a}", f"{a}m", f"m{b}", 200.0),
+            flow(f"riders{a}", f"{a}m", f"m{b}", 180.0, type="rider"),
+            persons.replace("/>", f">{walk}</personFlow>"),
+        ]
     return write_situation(folder, plan, demand, 300.0)
 
 
