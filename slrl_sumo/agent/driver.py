@@ -33,6 +33,8 @@ class Driver(Protocol):
 
     max_speed: Floats
     """Top speed of each type, m/s, (3,)."""
+    hardest_braking: Floats
+    """Acceleration of each type in emergency braking, m/s², (3,)."""
     has_models: bool
     """Whether learned models move the road users: then vehicles unlike the recorded vehicles are not taken over."""
     refusals: Refusals

@@ -34,6 +34,7 @@ class ModelDriver:
         self.situation: Situation | None = None
         """Inputs of the last decision, or of the next one after `consider`."""
         self.max_speed = agent.bundle.max_speed
+        self.hardest_braking = agent.bundle.hardest_braking
         self._routes = routes
         self.refusals = Refusals() if routes is None else routes.refusals
         self._considered: WorldState | None = None

@@ -1,5 +1,6 @@
 """Access to single road users: routes, walks, lanes, limits and leaders of vehicles and persons, and insertion."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,6 +9,11 @@ from slrl_sumo.sumo.api import StageRecord, SumoApi
 
 WALKING_STAGE = 2
 """Type of a walking stage (https://sumo.dlr.de/docs/TraCI/Person_Value_Retrieval.html)."""
+
+STOP_STATES = "rRyYu"
+"""States of a link at which vehicles stop, if they can (https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html)."""
+LEADER_WITHIN = 100.0
+"""Distance (m) within which SUMO looks for the leader of a vehicle that is to be taken over."""
 
 
 def loaded_ids(api: SumoApi) -> frozenset[str]:
@@ -157,6 +163,28 @@ def leader_of(api: SumoApi, vehicle: str, distance: float) -> tuple[str, float] 
     """SUMO's leader of a vehicle within `distance` m, and the gap (m) minus the minGap of the vehicle."""
     leader = api.vehicle.getLeader(vehicle, distance)
     return leader if leader and leader[0] else None
+
+
+def needed_deceleration(api: SumoApi, vehicle: str, time: float) -> float:
+    """Deceleration (m/s²) that a vehicle needs to stop before its next signal, if that is red or yellow, and to adapt
+    to the speed of its leader, if it begins to brake after `time` (s); inf if it is too late."""
+    speed = api.vehicle.getSpeed(vehicle)
+    needed = 0.0
+    for _, _, distance, state in api.vehicle.getNextTLS(vehicle)[:1]:
+        if state in STOP_STATES:
+            needed = _deceleration(speed, distance - speed * time)
+    leader = leader_of(api, vehicle, LEADER_WITHIN)
+    if leader is not None:
+        faster = max(speed - api.vehicle.getSpeed(leader[0]), 0.0)
+        needed = max(needed, _deceleration(faster, leader[1] - faster * time))
+    return needed
+
+
+def _deceleration(speed: float, distance: float) -> float:
+    """Deceleration (m/s²) from `speed` (m/s) to 0 within `distance` (m); inf without a distance."""
+    if speed <= 0.0:
+        return 0.0
+    return speed * speed / (2.0 * distance) if distance > 0.0 else math.inf
 
 
 def person_edge(api: SumoApi, person: str) -> str:

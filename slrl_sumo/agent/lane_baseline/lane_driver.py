@@ -67,6 +67,7 @@ class LaneDriver:
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.refusals = Refusals()
         self.max_speed: Floats = np.full(len(RoadUserType), np.inf)
+        self.hardest_braking: Floats = np.full(len(RoadUserType), -np.inf)
         self._levels, self._graph = network.levels, LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, self._graph)
         self._lane_choice = LaneChoice(self._graph, self._vehicles, network.levels)

@@ -9,7 +9,7 @@ from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
-from slrl_sumo.sumo.road_users import loaded_ids
+from slrl_sumo.sumo.road_users import loaded_ids, needed_deceleration
 from slrl_sumo.sumo.taken_over.persons import TakenOverPersons
 from slrl_sumo.sumo.taken_over.vehicles import TakenOverVehicles
 
@@ -48,6 +48,15 @@ class TakenOverControl:
                 reason = self._persons.obstacle(road_user) if walks else self._vehicles.obstacle(road_user, models)
             found.append(reason)
         return tuple(found)
+
+    def needed_deceleration(self, ids: Sequence[str], person: NDArray[np.bool_], time: float) -> Floats:
+        """Deceleration (m/s²) that each of n road users needs from `time` (s) on, see the function of this name, (n,);
+        0 for persons."""
+        needed = np.zeros(len(ids))
+        for i in np.flatnonzero(~person).tolist():
+            with self.refusals.of(ids[i]):
+                needed[i] = needed_deceleration(self._api, ids[i], time)
+        return needed
 
     def unsupported(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Whether each of n taken-over road users must be handed back, (n,).
