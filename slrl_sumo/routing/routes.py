@@ -33,6 +33,10 @@ from slrl_sumo.sumo.refusals import Refusals
 
 NEAR_END = 15.0
 """Distance (m) before the destination at which SUMO should finish a trip."""
+ALIGNED = 0.2
+"""Angle (rad) between a vehicle and the lane at its destination below which SUMO may finish its trip."""
+STUCK, ACROSS = 10.0, 0.6
+"""Time (s) at a stand without a red signal, and angle (rad) to its path, beyond which a vehicle is off its route."""
 DECEL_SHARE = 0.5
 """Share of a vehicle's deceleration with which it slows down for limits and junctions."""
 FAR_BESIDE = 3.0
@@ -100,8 +104,8 @@ class Routes:
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """Which of n road users are off their route, (n,).
 
-        These have passed their destination, or SUMO has them on no lane and they are FAR_BESIDE their path or on a lane
-        that does not continue along their route.
+        These have passed their destination, stand across their path, or SUMO has them on no lane and they are
+        FAR_BESIDE their path or on a lane that does not continue along their route.
         """
         return np.array([road_user in self._off_route for road_user in ids], np.bool_)
 
@@ -132,11 +136,15 @@ class Routes:
         track.history.observe_signal(red=route.stop_at_signal.item(i))
         self._add_junction_to_keep_clear(route, i, track, entries, size.length)
         route.remaining_distance[i] = left = self._vehicles.remaining_distance(road_user)
-        if is_near_end(left, track.speed):
+        heading = world.heading.item(i)
+        # Handed back across its lane, such as after a turnaround, a vehicle would stand in the way of others.
+        if is_near_end(left, track.speed) and _turned(track, heading, track.s + left) < ALIGNED:
             self._near_end.add(road_user)
+        across = track.history.idle_time > STUCK and _turned(track, heading, track.s - 0.5 * size.length) > ACROSS
         off_lane = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
-        # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane.
-        if left < 0.0 or (off_lane and self._vehicles.on_no_lane(road_user)):
+        # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane. A
+        # vehicle across its path, as where lanes meet at 145 degrees, and the next one can block each other for ever.
+        if left < 0.0 or across or (off_lane and self._vehicles.on_no_lane(road_user)):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
@@ -227,6 +235,11 @@ class Routes:
             route.signal[i], route.stop_at_signal[i] = SignalAspect.RED if red else SignalAspect.GREEN, red
         route.remaining_distance[i] = left
         track.path.line.draw(track.s - BEHIND, SPACING, route.x, route.y, i)
+
+
+def _turned(track: VehicleTrack, heading: float, s: float) -> float:
+    """Angle (rad, not negative) between a `heading` (rad) and the path of a track at `s` m along it."""
+    return abs(math.remainder(heading - track.path.line.at(s)[2], math.tau))
 
 
 def exit_with_room(first: JunctionEntry, following: Iterable[JunctionEntry], length: float) -> float:

@@ -389,6 +389,36 @@ def test_a_vehicle_far_beside_its_path_on_no_lane_is_off_its_route(tmp_path: Pat
         assert routes.off_route(("car",)).tolist() == [astray]
 
 
+@contextmanager
+def _street(folder: Path, left: float) -> Iterator[SumoSession]:
+    """A straight street towards the east, and "car" that departs `left` m before its end."""
+    nodes, edges = '<node id="a" x="0" y="0"/><node id="b" x="300" y="0"/>', '<edge id="ab" from="a" to="b"/>'
+    car = f'<trip id="car" from="ab" to="ab" depart="0" departPos="{-left}"/>'
+    with opened(make_scenario(folder, nodes, edges, car)) as session:
+        session.step()
+        yield session
+
+
+@pytest.mark.parametrize(("heading", "near"), [(0.1, True), (-0.1, True), (0.4, False), (-2.0, False)])
+def test_a_vehicle_across_its_last_lane_is_not_yet_near_its_end(tmp_path: Path, heading: float, near: bool) -> None:
+    """SUMO would leave it in the way of others, such as after a turnaround."""
+    with _street(tmp_path, left=12.0) as session:
+        routes, world = Routes(libsumo, session.network), _seen(session, "car")
+        routes.ahead(replace(world, heading=np.array([heading])), 1)
+        assert routes.near_end(("car",)).tolist() == [near]
+
+
+@pytest.mark.parametrize(("heading", "time", "off"), [(0.9, 12.0, True), (0.9, 8.0, False), (0.3, 12.0, False)])
+def test_a_vehicle_that_stands_across_its_path_is_off_its_route(
+    tmp_path: Path, heading: float, time: float, off: bool
+) -> None:
+    with _street(tmp_path, left=100.0) as session:
+        routes, world = Routes(libsumo, session.network), _seen(session, "car")
+        for now in np.arange(0.0, time, DECISION_INTERVAL):
+            routes.ahead(replace(world, time=world.time + now, heading=np.array([heading]), speed=np.zeros(1)), 1)
+        assert routes.off_route(("car",)).tolist() == [off]
+
+
 def test_a_vehicle_beside_its_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
     _car(intersection, "car", ("in0", "out3"), 2, 40.0, 8.0)
     straight, aslant = (Routes(libsumo, intersection.network) for _ in range(2))
