@@ -18,6 +18,9 @@ MODES = 20
 SPEED = FEATURES.index("speed")
 INPUT_LIMIT = 5.0
 """Bound (standard deviations) to which inputs are clipped, because the networks have no data beyond it."""
+CACHED_ROWS = 128
+"""Number of road users for which all layers are computed before those of the next ones: what a layer gives stays in the
+cache until the next layer reads it."""
 BLOCK_ROWS = 32
 """Number of road users for which the outputs of a network are computed together: weights and inputs stay in the
 cache."""
@@ -79,6 +82,16 @@ def outputs(networks: Networks, vector: Singles, kind: NDArray[np.int64]) -> Sin
 
     The networks read the first columns of `vector`; a selector may read more columns.
     """
+    _, members, _, last = networks.bias[-1].shape
+    n, result = len(vector), np.empty((len(vector), members, last), np.float32)
+    for begin in range(0, n, CACHED_ROWS):
+        some = slice(begin, begin + CACHED_ROWS)
+        result[some] = _outputs(networks, vector[some], kind[some])
+    return result
+
+
+def _outputs(networks: Networks, vector: Singles, kind: NDArray[np.int64]) -> Singles:
+    """As `outputs`."""
     read = np.ascontiguousarray(vector[:, : networks.mean.shape[1]])
     x = _standardised(read, kind, networks.mean, networks.scale)
     for number, (weight, bias) in enumerate(zip(networks.weight, networks.bias, strict=True)):
@@ -101,36 +114,90 @@ def _standardised(vector: Singles, kind: NDArray[np.int64], mean: Singles, scale
 
 @compiled
 def layer(x: Singles, kind: NDArray[np.int64], weight: Singles, bias: Singles) -> Singles:
-    """Outputs (n, members, out) of one layer; `x`: (n, members or 1, in), `weight`: (types, members, in, out)."""
-    n, columns, members, outputs = len(x), x.shape[2], weight.shape[1], weight.shape[3]
-    result, out = np.empty((n, members, outputs), np.float32), np.empty(outputs, np.float32)
-    for begin in range(0, n, BLOCK_ROWS):
-        for member in range(members):
-            mine = member if x.shape[1] > 1 else 0
-            for i in range(begin, min(begin + BLOCK_ROWS, n)):
-                one = kind[i]
+    """Outputs (n, members, out) of one layer; `x`: (n, members or 1, in), `weight`: (types, members, in, out).
+
+    Each output adds its inputs one after the other, in whatever order the rows are computed.
+    """
+    n, members, outputs = len(x), weight.shape[1], weight.shape[3]
+    result, sums = np.empty((n, members, outputs), np.float32), np.empty((4, outputs), np.float32)
+    rows, first = _by_type(kind, len(weight))
+    for one in range(len(weight)):
+        for begin in range(first[one], first[one + 1], BLOCK_ROWS):
+            block = rows[begin : min(begin + BLOCK_ROWS, first[one + 1])]
+            for member in range(members):
+                inputs = x[:, member if x.shape[1] > 1 else 0]
+                of_one, added = weight[one, member], bias[one, member, 0]
                 if outputs < FEW_OUTPUTS:
-                    for j in range(outputs):
-                        total = bias[one, member, 0, j]
-                        for k in range(columns):
-                            total += x[i, mine, k] * weight[one, member, k, j]
-                        result[i, member, j] = total
-                    continue
-                for j in range(outputs):  # not out[:]: numba compiles numpy's messages on shapes for 4 s
-                    out[j] = bias[one, member, 0, j]
-                # Four inputs are added at once, so that outputs are loaded and stored a quarter as often.
-                for k in range(0, columns - 3, 4):
-                    a, b, c, d = x[i, mine, k], x[i, mine, k + 1], x[i, mine, k + 2], x[i, mine, k + 3]
-                    of_a, of_b = weight[one, member, k], weight[one, member, k + 1]
-                    of_c, of_d = weight[one, member, k + 2], weight[one, member, k + 3]
-                    for j in range(outputs):
-                        out[j] = (((out[j] + a * of_a[j]) + b * of_b[j]) + c * of_c[j]) + d * of_d[j]
-                for k in range(columns - columns % 4, columns):
-                    for j in range(outputs):
-                        out[j] += x[i, mine, k] * weight[one, member, k, j]
-                for j in range(outputs):
-                    result[i, member, j] = out[j]
+                    _few_outputs(inputs, block, of_one, added, result[:, member])
+                else:
+                    _many_outputs(inputs, block, of_one, added, result[:, member], sums)
     return result
+
+
+@compiled
+def _by_type(kind: NDArray[np.int64], types: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The rows of each type in turn, (n,), and where those of each type begin and end, (types + 1,)."""
+    rows, first = np.empty(len(kind), np.int64), np.zeros(types + 1, np.int64)
+    found = 0
+    for one in range(types):
+        for i in range(len(kind)):
+            if kind[i] == one:
+                rows[found] = i
+                found += 1
+        first[one + 1] = found
+    return rows, first
+
+
+@compiled
+def _few_outputs(x: Singles, rows: NDArray[np.int64], weight: Singles, bias: Singles, result: Singles) -> None:
+    """Outputs of some rows, four at once: the sums of one row wait for each other, those of four rows do not."""
+    last, (columns, outputs) = len(rows) - 1, weight.shape
+    for place in range(0, len(rows), 4):
+        # At the end of the block, a row is computed twice.
+        p, q = rows[place], rows[min(place + 1, last)]
+        r, s = rows[min(place + 2, last)], rows[min(place + 3, last)]
+        for j in range(outputs):
+            of_p = of_q = of_r = of_s = bias[j]
+            for k in range(columns):
+                of_p += x[p, k] * weight[k, j]
+                of_q += x[q, k] * weight[k, j]
+                of_r += x[r, k] * weight[k, j]
+                of_s += x[s, k] * weight[k, j]
+            result[p, j], result[q, j], result[r, j], result[s, j] = of_p, of_q, of_r, of_s
+
+
+@compiled
+def _many_outputs(
+    x: Singles, rows: NDArray[np.int64], weight: Singles, bias: Singles, result: Singles, sums: Singles
+) -> None:
+    """Outputs of some rows, four rows and two inputs at once, so that weights and sums are loaded less often.
+
+    `sums` is a buffer (4, out).
+    """
+    last, (columns, outputs) = len(rows) - 1, weight.shape
+    for place in range(0, len(rows), 4):
+        p, q = rows[place], rows[min(place + 1, last)]
+        r, s = rows[min(place + 2, last)], rows[min(place + 3, last)]
+        for j in range(outputs):
+            sums[0, j] = sums[1, j] = sums[2, j] = sums[3, j] = bias[j]
+        for k in range(0, columns - 1, 2):
+            p0, q0, r0, s0 = x[p, k], x[q, k], x[r, k], x[s, k]
+            p1, q1, r1, s1 = x[p, k + 1], x[q, k + 1], x[r, k + 1], x[s, k + 1]
+            for j in range(outputs):
+                a, b = weight[k, j], weight[k + 1, j]
+                sums[0, j] = (sums[0, j] + p0 * a) + p1 * b
+                sums[1, j] = (sums[1, j] + q0 * a) + q1 * b
+                sums[2, j] = (sums[2, j] + r0 * a) + r1 * b
+                sums[3, j] = (sums[3, j] + s0 * a) + s1 * b
+        if columns % 2:
+            k = columns - 1
+            for j in range(outputs):
+                sums[0, j] += x[p, k] * weight[k, j]
+                sums[1, j] += x[q, k] * weight[k, j]
+                sums[2, j] += x[r, k] * weight[k, j]
+                sums[3, j] += x[s, k] * weight[k, j]
+        for j in range(outputs):
+            result[p, j], result[q, j], result[r, j], result[s, j] = sums[0, j], sums[1, j], sums[2, j], sums[3, j]
 
 
 @compiled
