@@ -77,13 +77,16 @@ class Routes:
         route = RouteAhead.unknown(n)
         lane_changes: list[LaneChange] = []
         shared_paths: list[SharedPath] = []
-        for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
-            with self.refusals.of(world.ids[i]):
-                if walks:
+        for i, kind in enumerate(world.type[:n].tolist()):
+            try:
+                if kind == RoadUserType.PEDESTRIAN:
                     self._add_pedestrian(route, world, i)
                 else:
-                    self._add_vehicle(route, world, i, lane_changes)
-                    shared_paths += self._shared_path(world, i)
+                    track = self._add_vehicle(route, world, i, lane_changes)
+                    if kind == RoadUserType.BICYCLE:
+                        shared_paths += self._shared_path(track, world, i)
+            except Exception as error:
+                self.refusals.catch(world.ids[i], error)
         pass_persons(route, world, shared_paths)
         route.desired_speed[:] = np.minimum(
             route.desired_speed, cooperative_speeds(world, n, lane_changes, self._levels)
@@ -117,8 +120,11 @@ class Routes:
         self._reservations.forget(ids)
         self._pedestrians.forget(ids)
 
-    def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int, lane_changes: list[LaneChange]) -> None:
-        """Write row `i` of the routes, a vehicle, and add its lane change, if any, to `lane_changes`."""
+    def _add_vehicle(
+        self, route: RouteAhead, world: WorldState, i: int, lane_changes: list[LaneChange]
+    ) -> VehicleTrack:
+        """Write row `i` of the routes, a vehicle, and add its lane change, if any, to `lane_changes`; return its
+        track."""
         road_user, size = world.ids[i], size_of(world.length.item(i), world.width.item(i))
         track = self._vehicles.observed(world, i)
         if (change := self._lane_choice.choose(track, world, i)) is not None:
@@ -149,12 +155,10 @@ class Routes:
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
         track.path.line.draw(track.s - 0.5 * size.length - behind, spacing, route.x, route.y, i)
+        return track
 
-    def _shared_path(self, world: WorldState, i: int) -> list[SharedPath]:
-        """The path that the vehicle in row `i`, if it is a bicycle, shares with pedestrians, or has just left."""
-        track = self._vehicles.get(world.ids[i])
-        if track is None or world.type[i] != RoadUserType.BICYCLE:
-            return []
+    def _shared_path(self, track: VehicleTrack, world: WorldState, i: int) -> list[SharedPath]:
+        """The path that the bicycle in row `i` shares with pedestrians, or has just left; [] if there is none."""
         lane = self._graph.lanes[track.path.lanes[track.path.lane_at(track.s)]]
         if lane.surface == Surface.SIDEWALK:
             return [SharedPath(i, track, lateral_room(lane.width, world.width.item(i)))]

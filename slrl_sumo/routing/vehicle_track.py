@@ -74,6 +74,12 @@ class VehicleTrack:
     """Lateral position within its lane that the vehicle holds, m to the left of the middle."""
     version: int = 0
     """Version of the lane graph with which the path was found."""
+    seen_path: LanePath | None = None
+    """Path along which the permissions of the edges ahead were last read."""
+    seen_in: int = 0
+    """Round of readings (see `LaneGraph.round`) in which they were read."""
+    seen_until: float = -math.inf
+    """Position (m along that path) of the first edge that was out of sight; inf if the path ends before."""
 
     def entries_ahead(self) -> list[tuple[JunctionEntry, float]]:
         """The entries on the path that the vehicle has not passed, each with its distance (m) from the front."""

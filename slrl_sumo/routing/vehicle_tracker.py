@@ -224,15 +224,21 @@ class VehicleTracker:
 
     def _look_ahead(self, track: VehicleTrack, here: int) -> None:
         """Read the permissions of the edges within sight, from the lane with index `here` on: lanes may be closed or
-        opened."""
+        opened. In one round of readings, an edge is read once."""
         path, graph, seen = track.path, self._graph, track.s + AHEAD * spacing_at(track.speed)
+        if seen < track.seen_until and track.seen_path is path and track.seen_in == graph.round:
+            return
+        track.seen_path, track.seen_in = path, graph.round
         begins, lanes = path.begins, path.lanes
         for k in range(here, len(lanes)):
             if begins[k] > seen:
+                track.seen_until = begins[k]
                 return
             if lanes[k][0] != ":":
                 graph.look_at(graph.lanes[lanes[k]].edge)
+        track.seen_until = math.inf
         if path.end > seen:
+            track.seen_until = path.end
             return
         # Also read the edges after the end of the path: the path may end before a closed edge.
         last = graph.lanes[path.lanes[-1]]

@@ -114,7 +114,7 @@ class SpawnedControl:
         vehicle, person = self._api.vehicle, self._api.person
         for i, (road_user, walks) in enumerate(zip(ids, walking.tolist(), strict=True)):
             lane = next(lanes_under) if walks else -1
-            with self.refusals.of(road_user):
+            try:
                 if walks:
                     # SUMO ignores a change of the walk before the person has departed.
                     if road_user not in self._staged:
@@ -133,6 +133,8 @@ class SpawnedControl:
                     road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD
                 )
                 vehicle.setSpeed(road_user, speeds[i])
+            except Exception as error:
+                self.refusals.catch(road_user, error)
         self._staged.difference_update(ids)
 
     def loaded(self) -> frozenset[str]:

@@ -167,8 +167,15 @@ def test_refusals_keep_the_first_reason_and_let_other_errors_through() -> None:
             libsumo.person.setSpeed("a", 1.0)
         assert refusals.take() == {"a": "Vehicle 'a' is not known.", "b": "Vehicle 'b' is not known."}
         assert refusals.take() == {}
+        try:
+            libsumo.vehicle.setSpeed("a", 1.0)
+        except Exception as error:
+            refusals.catch("a", error)
+        assert refusals.take() == {"a": "Vehicle 'a' is not known."}
         with pytest.raises(KeyError), refusals.of("a"):
             raise KeyError
+        with pytest.raises(KeyError):
+            refusals.catch("a", KeyError())
     with pytest.raises(libsumo.FatalTraCIError) as ended, refusals.of("a"):
         libsumo.vehicle.getIDList()
     assert not is_refusal(ended.value)
