@@ -90,7 +90,7 @@ class RandomDriver:
 
     def __init__(self, seed: int, jump: float) -> None:
         self._rng, self._jump = np.random.default_rng(seed), jump
-        self.max_speed, self.has_models = TOP_SPEED, False
+        self.max_speed, self.hardest_braking, self.has_models = TOP_SPEED, np.full(3, -np.inf), False
         self.refusals = Refusals()
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
