@@ -206,6 +206,7 @@ class _Straight:
     """A driver whose road users go straight on at 10 m/s, and can do no more."""
 
     max_speed = np.full(3, 10.0)
+    hardest_braking = np.full(3, -np.inf)
     has_models = True
     refusals = Refusals()
 
