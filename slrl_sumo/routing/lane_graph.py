@@ -52,8 +52,6 @@ class LaneGraph:
         """The internal lanes of each junction (see `junction_of`), with pedestrian crossings, without walking areas."""
         self.version = 0
         """Number of changes of permissions: older paths may lead over closed lanes, or end before opened lanes."""
-        self.round = 0
-        """Number of times that reading the permissions again was allowed."""
         self._state, self._looked_at, self._renewed = LaneState(api), set[str](), 0
         self._changed: dict[str, Lane] = {}
         """Lanes with changed permissions, in their original state."""
@@ -77,7 +75,11 @@ class LaneGraph:
         self._renewed += 1
         if self._renewed % LOOKS == 0:
             self._looked_at.clear()
-            self.round += 1
+
+    @property
+    def round(self) -> int:
+        """Number of times that reading the permissions again was allowed."""
+        return self._renewed // LOOKS
 
     def limit(self, lane: str) -> float:
         """Speed limit of a lane now, m/s."""

@@ -67,18 +67,21 @@ def _lateral_position(
 
     `now`: its present lateral position. With equal times, it is near the middle and near the present one.
     """
+    if not room:
+        return 0.0
     distance = np.hypot(world.x[persons] - world.x[row], world.y[persons] - world.y[row])
     near = persons[distance < AHEAD / SPACING * route.spacing[row]]
-    if not room or not len(near):
+    if not len(near):
         return 0.0
     rows = np.full(len(near), row)
     along, offset, direction = (v[:, 0] for v in on_path(route, world.x[near, None], world.y[near, None], rows))
     turned = world.heading[near] - direction
-    closing = np.maximum(route.desired_speed[row] - world.speed[near] * np.cos(turned), 1e-6)
+    same = np.cos(turned)
+    closing = np.maximum(route.desired_speed[row] - world.speed[near] * same, 1e-6)
     reach = 0.5 * (world.length[row] + world.length[near])
     # Times at which the bicycle gets beside each person and leaves it behind.
     begin, end = np.maximum(along - reach, 0.0) / closing, (along + reach) / closing
-    counts = (end > 0.0) & (np.abs(np.cos(turned)) > ALONG) & (begin < FORESEEN)
+    counts = (end > 0.0) & (np.abs(same) > ALONG) & (begin < FORESEEN)
     begin, end, offset = begin[counts], np.minimum(end[counts], FORESEEN), offset[counts]
     drift = (world.speed[near] * np.sin(turned))[counts]
     need = 0.5 * (world.width[row] + world.width[near][counts]) + SIDE_GAP[RoadUserType.BICYCLE]
