@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import zip_longest
+from itertools import accumulate
 
 from slrl_sumo.routing.polyline import Polyline, line_through
+from slrl_sumo.routing.short_lanes import curve_over
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
 
 PARALLEL = 0.35
@@ -27,10 +28,19 @@ def path_line(
 
     `before`: points before the first lane, for the rear of a vehicle that has just entered the lane.
     """
-    points, last = list(before), []
-    for lane, following in zip_longest(lanes, lanes[1:]):
-        points += _eased(points, lane, following, network)
+    points, last, k = list(before), list[int](), 0
+    while k < len(lanes):
+        if (curve := curve_over(lanes, k)) is None:
+            points += _eased(points, lanes[k], lanes[k + 1] if k + 1 < len(lanes) else None, network)
+            last.append(len(points) - 1)
+            k += 1
+            continue
+        lengths = list(accumulate(lane.length for lane in lanes[k : curve.after]))
+        pieces = len(curve.points)
+        last += [len(points) - 1 + round(length / lengths[-1] * pieces) for length in lengths]
+        points += [*curve.points, *curve.rest[1:]]
         last.append(len(points) - 1)
+        k = curve.after + 1
     points.append(_beyond(points))
     line, along = line_through(points)
     return line, tuple(along[i] for i in last)

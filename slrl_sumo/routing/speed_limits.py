@@ -80,9 +80,10 @@ class SpeedLimits:
         return math.inf if self.suffices(track) else track.path.end - track.s - LANE_END
 
     def lane_continues(self, track: VehicleTrack) -> bool:
-        """Whether the lane under a vehicle continues along its route; inside a junction it always does."""
-        here = track.path.lane_at(track.s)
-        return track.path.lanes[here].startswith(":") or self.suffices(track)
+        """Whether the lane under a vehicle continues along its route; inside a junction it does if the path leaves the
+        junction."""
+        inside = track.path.lanes[track.path.lane_at(track.s)].startswith(":")
+        return (inside and not track.path.lanes[-1].startswith(":")) or self.suffices(track)
 
     def suffices(self, track: VehicleTrack) -> bool:
         """Whether the path of the vehicle is as long as its route, or longer than any sight."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import LanePath
+from slrl_sumo.routing.short_lanes import is_short
 from slrl_sumo.routing.vehicle_track import VehicleHistory, VehicleTrack
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.route import AHEAD, spacing_at
@@ -122,9 +123,10 @@ class VehicleTracker:
             lane = self._lane_under(front, heading, vehicle_class)
         else:
             vehicle_class = parameters.vehicle_class
-            lane = vehicle_lane(self._api, road_user) or self._lane_under(front, heading, vehicle_class)
             route, index = vehicle_route(self._api, road_user)
-            edges = route[index + 1 :]
+            near = route[max(index - 1, 0) : max(index, 0) + 2]
+            lane = vehicle_lane(self._api, road_user) or self._lane_under(front, heading, vehicle_class, near)
+            edges = self._edges_after(lane, route, max(index, 0))
         path, here = self._path_on(lane, edges, vehicle_class, length, seed_of(road_user))
         begin = path.ends[here - 1] if here else -math.inf
         s, lateral_offset = path.line.nearest(*front, begin, path.ends[here])
@@ -152,6 +154,15 @@ class VehicleTracker:
         self._update_max_speed(road_user, track, lane)
         return track
 
+    def _edges_after(self, lane: str, route: tuple[str, ...], index: int) -> tuple[str, ...]:
+        """The edges of a `route` that follow a lane's edge, or the edge before the junction of an internal lane.
+
+        `index`: SUMO's position on the route. A vehicle that SUMO has on no lane may be one edge behind or ahead of it.
+        """
+        edge = self._graph.lanes[self._graph.origin(lane)].edge
+        places = [k for k in (index, index - 1, index + 1) if 0 <= k < len(route) and route[k] == edge]
+        return route[(places or [index])[0] + 1 :]
+
     def _path_on(
         self, lane: str, edges: tuple[str, ...], vehicle_class: str, length: float, seed: str
     ) -> tuple[LanePath, int]:
@@ -173,8 +184,13 @@ class VehicleTracker:
         if allowed < self._graph.limit(lane) * own.speed_factor - 0.01:
             track.parameters = replace(own, max_speed=min(own.max_speed, allowed))
 
-    def _lane_under(self, front: tuple[float, float], heading: float, vehicle_class: str) -> str:
-        """The nearest lane in the vehicle's direction of travel; without one, the nearest lane."""
+    def _lane_under(
+        self, front: tuple[float, float], heading: float, vehicle_class: str, route: tuple[str, ...] = ()
+    ) -> str:
+        """The nearest lane in the vehicle's direction of travel, of the edges of its `route` if one is near.
+
+        Without a lane in this direction, the nearest lane.
+        """
         near = self._carriageway.nearest(np.array([front[0]]), np.array([front[1]]), 24)[0]
         lanes = [self._carriageway.lanes[k].id for k in self._carriageway.lane[near]]
         angles = np.abs(wrap_angle(self._carriageway.heading[near] - heading))
@@ -183,8 +199,15 @@ class VehicleTracker:
             for lane, angle in zip(lanes, angles, strict=True)
             if angle < 1.0 and self._graph.lanes[lane].admits(vehicle_class)
         ]
-        chosen: str = (fitting or lanes)[0]
-        return chosen
+        nearest: str = (fitting or lanes)[0]
+        return next((lane for lane in fitting if self._is_on(lane, route)), nearest)
+
+    def _is_on(self, lane: str, route: tuple[str, ...]) -> bool:
+        """Whether a lane is of an edge of a route, or leads through a junction from one such edge to another."""
+        graph = self._graph
+        return graph.lanes[graph.origin(lane)].edge in route and (
+            not graph.lanes[lane].internal or any(graph.lanes[after].edge in route for after, _ in graph.links(lane))
+        )
 
     def _renew_path(self, road_user: str, track: VehicleTrack, length: float) -> None:
         """Find a new path from the present lane on, if it is on a new edge, or if the route or the permissions changed.
@@ -197,7 +220,8 @@ class VehicleTracker:
             return
         self._look_ahead(track, here)
         found_with = self._route_id(road_user), self._graph.version
-        if here == 0 and (track.route_id, track.version) == found_with:
+        # Over a short lane the path may be a curve, which a path from that lane on would not continue.
+        if (here == 0 or is_short(self._graph.lanes[lane])) and (track.route_id, track.version) == found_with:
             return
         track.route_id, track.version = found_with
         edge = self._graph.lanes[lane].edge

@@ -389,6 +389,38 @@ def test_a_vehicle_far_beside_its_path_on_no_lane_is_off_its_route(tmp_path: Pat
         assert routes.off_route(("car",)).tolist() == [astray]
 
 
+@pytest.mark.parametrize(
+    ("place", "heading", "astray"),
+    [((0.0, -1.6), 0.0, False), ((-3.0, -0.6), 0.3, False), ((1.6, 0.0), 0.5 * math.pi, True)],
+    ids=["on its way", "on the way to the left", "on another way"],
+)
+def test_a_vehicle_on_no_lane_inside_a_junction_goes_on_along_its_route(
+    tmp_path: Path, place: tuple[float, float], heading: float, astray: bool
+) -> None:
+    """SUMO has it on the edge after the junction already: a path from there ended inside the junction, and the vehicle
+    stood there for ever. Where no way of its route is near, SUMO puts it on its route again."""
+    nodes = "".join(
+        f'<node id="{name}" x="{x}" y="{y}"/>'
+        for name, x, y in [("a", -100, 0), ("j", 0, 0), ("b", 100, 0), ("c", 200, 0), ("s", 0, -100), ("n", 0, 100)]
+    )
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}"/>' for a, b in ["aj", "jb", "bc", "sj", "jn"])
+    car = '<route id="r" edges="aj jb bc"/><vehicle id="car" route="r" depart="0" departEdge="1" departPos="20"/>'
+    with opened(make_scenario(tmp_path, nodes, edges, car)) as session:
+        session.step()
+        (x, y), (dx, dy) = libsumo.junction.getPosition("j"), place
+        libsumo.vehicle.moveToXY("car", "", -1, x + 30.0, y - 9.0, 90.0, 2)
+        session.step()
+        assert libsumo.vehicle.getLaneID("car") == ""
+        assert libsumo.vehicle.getRouteIndex("car") == 1
+        seen = _seen(session, "car")
+        at = {"x": x + dx - 2.5 * math.cos(heading), "y": y + dy - 2.5 * math.sin(heading), "heading": heading}
+        world = replace(seen, **{name: np.array([value]) for name, value in at.items()})
+        routes = Routes(libsumo, session.network)
+        route = routes.ahead(world, 1)
+        assert routes.off_route(("car",)).tolist() == [astray]
+        assert math.isinf(route.stop.item()) is not astray
+
+
 @contextmanager
 def _street(folder: Path, left: float) -> Iterator[SumoSession]:
     """A straight street towards the east, and "car" that departs `left` m before its end."""

@@ -1,0 +1,69 @@
+"""Curves over short lanes, by hand: the lanes of junctions 30624890 and 3214665956 of RESCO's ingolstadt21."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.routing.path_line import path_line
+from slrl_sumo.routing.short_lanes import SMOOTH, Point, curve_over, is_short, zigzag
+from slrl_sumo.sumo.network.lanes import Lane
+
+
+def lane(name: str, *points: Point) -> Lane:
+    length = float(np.hypot(*np.diff(np.array(points), axis=0).T).sum())
+    internal = name.startswith(":")
+    return Lane(name, name.rpartition("_")[0], np.array(points), 3.2, length, 13.9, frozenset(), internal, Surface.ROAD)
+
+
+IN = lane("in_2", (-23.4, 33.8), (-3.4, 6.4))
+ACROSS = lane(":a_3_1", (-3.4, 6.4), (-2.0, 5.3), (-0.7, 5.0), (0.7, 4.7), (2.0, 3.6))
+SHORT_LANE = lane("short_2", (2.0, 3.6), (2.1, 3.4))
+BACK = lane(":b_2_1", (2.1, 3.4), (0.0, 0.9))
+OUT = lane("out_2", (0.0, 0.9), (11.6, -15.9))
+
+
+def turning_within(lanes: list[Lane], length: float) -> float:
+    """Greatest change of direction (rad) of the line along `lanes` within a `length` (m)."""
+    line, _ = path_line(lanes, [], {one.id: one for one in lanes})
+    directions = [line.at(s)[2] for s in np.arange(0.0, line.end, 0.5)]
+    step = int(length / 0.5)
+    return max(abs(math.remainder(b - a, math.tau)) for a, b in zip(directions, directions[step:], strict=False))
+
+
+def test_a_curve_takes_the_place_of_lanes_that_lead_aside_and_backwards() -> None:
+    lanes = [IN, ACROSS, SHORT_LANE, BACK, OUT]
+    curve = curve_over(lanes, 1)
+    assert curve is not None
+    assert curve.after == 4
+    assert curve.points[-1] == curve.rest[0]
+    assert zigzag([*IN.points, *curve.points, *curve.rest[1:]]) < SMOOTH
+    assert turning_within(lanes, 3.0) < 0.2
+    line, ends = path_line(lanes, [], {one.id: one for one in lanes})
+    assert list(ends) == sorted(ends)
+    assert line.at(ends[0])[:2] == pytest.approx(IN.points[-1])
+    assert line.at(ends[-1])[:2] == pytest.approx(OUT.points[-1])
+    assert 4.0 < ends[3] - ends[0] < 14.0
+
+
+def test_lanes_that_a_vehicle_can_follow_are_kept() -> None:
+    ways = [(-50.0, 0.0), (0.0, 0.0), (6.0, -0.5), (6.2, -0.5), (12.0, -1.0), (60.0, -1.0)]
+    names = ["in_0", ":a_0_0", "short_0", ":b_0_0", "out_0"]
+    lanes = [lane(name, *pair) for name, *pair in zip(names, ways, ways[1:], strict=False)]
+    assert curve_over(lanes, 1) is None
+    # Without a short lane it is a change of lane inside one junction, of which `path_line` takes care.
+    assert curve_over([IN, ACROSS, BACK, OUT], 1) is None
+
+
+def test_a_path_may_begin_or_end_on_a_short_lane() -> None:
+    assert curve_over([SHORT_LANE, BACK, OUT], 0) is None
+    assert curve_over([IN, ACROSS, SHORT_LANE], 1) is None
+    assert is_short(SHORT_LANE)
+    assert not is_short(ACROSS)
+    assert not is_short(OUT)
+
+
+def test_zigzag_is_what_a_line_turns_to_both_sides() -> None:
+    assert zigzag([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]) == pytest.approx(0.0)
+    assert zigzag([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (2.0, 1.0)]) == pytest.approx(math.pi)
