@@ -48,6 +48,18 @@ class VehicleHistory:
         self.idle_time = self.idle_time + self.elapsed if self.standing_time and not red else 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class JunctionBehind:
+    """The junction that the front of a vehicle has left, and its rear perhaps not."""
+
+    lanes: tuple[str, ...]
+    """Internal lanes on which the vehicle passed it."""
+    begins: tuple[float, ...]
+    """Position (m along the present path) at which each of them begins."""
+    exit: float
+    """Position (m along the present path) at which the junction ends."""
+
+
 @dataclass(slots=True)
 class VehicleTrack:
     """One vehicle on its path."""
@@ -70,6 +82,8 @@ class VehicleTrack:
     """Position (m along the last lane) at which the route ends, negative from the lane's end; None: at the end."""
     route_id: str = ""
     """SUMO's id of the route of which `edges` are a part; '' for spawned vehicles."""
+    behind: JunctionBehind | None = None
+    """The junction before the path, None once the rear has left it."""
     lateral_position: float = 0.0
     """Lateral position within its lane that the vehicle holds, m to the left of the middle."""
     version: int = 0

@@ -8,7 +8,7 @@ import numpy as np
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import LanePath
 from slrl_sumo.routing.short_lanes import is_short
-from slrl_sumo.routing.vehicle_track import VehicleHistory, VehicleTrack
+from slrl_sumo.routing.vehicle_track import JunctionBehind, VehicleHistory, VehicleTrack
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.route import AHEAD, spacing_at
 from slrl_sumo.scene.state import WorldState
@@ -101,6 +101,8 @@ class VehicleTracker:
             place, track.lateral_offset = track.path.line.nearest(x, y, track.s - 2.0 * half - 2.0, track.s + half)
             track.s = max(place + half, 0.0)
         track.x, track.y, track.speed = x, y, speed
+        if track.behind is not None and track.s - 2.0 * half > track.behind.exit:
+            track.behind = None
         track.history.observe(state.time, speed)
         track.observe_lines()
         return track
@@ -238,8 +240,10 @@ class VehicleTracker:
             start = track.path.ends[here - 1]
             before = track.path.line.between(min(track.s, start) - length - 2.0, start)
         path = self._graph.path(lane, track.edges, track.parameters.vehicle_class, before, seed_of(road_user))
-        x, y, _ = track.path.line.at(track.s)
+        (x, y, _), s = track.path.line.at(track.s), track.s
         track.s, _ = path.line.nearest(x, y, end=path.ends[0])
+        if here > 0:
+            track.behind = _junction_behind(track.path, here, track.s - s)
         track.path = path
         self._update_max_speed(road_user, track, lane)
 
@@ -269,6 +273,17 @@ class VehicleTracker:
         after = track.edges[track.edges.index(last.edge) + 1 :] if last.edge in track.edges else track.edges
         for edge in after[:1] or [graph.lanes[target].edge for target, _ in graph.links(last.id)]:
             graph.look_at(edge)
+
+
+def _junction_behind(path: LanePath, here: int, shift: float) -> JunctionBehind | None:
+    """The junction before the lane with the index `here` of a path, with positions moved by `shift` (m)."""
+    first = here
+    while first > 0 and path.lanes[first - 1].startswith(":"):
+        first -= 1
+    if first == here:
+        return None
+    begins = tuple([begin + shift for begin in path.begins[first:here]])
+    return JunctionBehind(path.lanes[first:here], begins, path.ends[here - 1] + shift)
 
 
 def seed_of(road_user: str) -> str:

@@ -17,8 +17,8 @@ from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.sumo.network.lanes import Lane
 
 FROM_ENDS = 5.0
-"""Distance (m) from the ends of lanes within which lanes that meet at a junction may touch; lanes that cross farther
-away are on different levels."""
+"""Distance (m) from the ends of lanes within which lanes that meet at a junction may touch. Lanes that cross farther
+away are on different levels; so are a lane, and a junction or the lanes next to it, if the lane leads elsewhere."""
 ACROSS = 0.35
 """Angle (rad) between two lanes from which they cross instead of lying side by side."""
 CROSSING_REACH = 20.0
@@ -41,11 +41,12 @@ class GradeSeparation(NamedTuple):
 
 
 def grade_separations(lanes: Sequence[Lane]) -> tuple[GradeSeparation, ...]:
-    """Places where carriageways cross farther than FROM_ENDS from the ends of their lanes.
+    """Places where carriageways cross, farther than FROM_ENDS from the ends of one of their lanes, without a common
+    junction.
 
-    The search takes 1.6 s for 66,000 lanes on a busy core.
+    The search takes 0.05 s for 8,600 lanes on a busy core.
     """
-    lanes = [lane for lane in lanes if lane.surface == Surface.ROAD and not lane.internal and len(lane.shape) > 1]
+    lanes = [lane for lane in lanes if lane.surface == Surface.ROAD and len(lane.shape) > 1]
     if len(lanes) < 2:
         return ()
     edges = {name: k for k, name in enumerate(dict.fromkeys(lane.edge for lane in lanes))}
@@ -59,19 +60,54 @@ def grade_separations(lanes: Sequence[Lane]) -> tuple[GradeSeparation, ...]:
     of = lane_of[:-1][inside]
     edge = np.array([edges[lane.edge] for lane in lanes])[of]
     ends = np.column_stack([along[:-1][inside] - along[first[of]], along[last[of]] - along[:-1][inside]])
+    # Lanes inside a junction count as its begin, wherever they are crossed.
+    ends[np.array([lane.internal for lane in lanes])[of]] = -math.inf, math.inf
     segments = np.column_stack([points[:-1][inside], points[1:][inside], ends])
     order = np.argsort(np.minimum(segments[:, 0], segments[:, 2]), kind="stable")
     segments, edge = segments[order], edge[order]
-    pairs, places = np.empty((ROOM, 2), np.int64), np.empty((ROOM, 2))
+    pairs, places = np.empty((ROOM, 2), np.int64), np.empty((ROOM, 6))
     # The kernel makes no arrays: growing arrays would take numba as long to compile as the rest of the kernel.
     while (count := _crossings(segments, edge, np.sin(ACROSS), FROM_ENDS, pairs, places)) > len(pairs):
-        pairs, places = np.empty((count, 2), np.int64), np.empty((count, 2))
-    names = list(edges)
+        pairs, places = np.empty((count, 2), np.int64), np.empty((count, 6))
+    if count == 0:
+        return ()
+    names, ends_of = list(edges), _junctions_at_ends(lanes)
     found = [
-        GradeSeparation((min(names[a], names[b]), max(names[a], names[b])), *place)
-        for (a, b), place in zip(pairs[:count].tolist(), places[:count].tolist(), strict=True)
+        GradeSeparation((min(names[a], names[b]), max(names[a], names[b])), x, y)
+        for (a, b), (x, y, *near) in zip(pairs[:count].tolist(), places[:count].tolist(), strict=True)
+        if _lead_elsewhere(ends_of[names[a]], near[:2], ends_of[names[b]], near[2:])
     ]
     return tuple(sorted(found))
+
+
+def _junctions_at_ends(lanes: Sequence[Lane]) -> dict[str, tuple[str, str]]:
+    """The junctions at the begin and the end of each edge, '' where no internal lane begins or ends there.
+
+    The edges of internal lanes have their own junction at both ends.
+    """
+    at: dict[tuple[float, float], str] = {}
+    for lane in lanes:
+        if lane.internal:
+            at[lane.points[0]] = at[lane.points[-1]] = lane.edge.rpartition("_")[0]
+    ends: dict[str, tuple[str, str]] = {}
+    for lane in lanes:
+        begin, end = ends.get(lane.edge, ("", ""))
+        ends[lane.edge] = begin or at.get(lane.points[0], ""), end or at.get(lane.points[-1], "")
+    return ends
+
+
+def _lead_elsewhere(
+    mine: tuple[str, str], my_distances: list[float], theirs: tuple[str, str], their_distances: list[float]
+) -> bool:
+    """Whether two edges that cross have no common junction there.
+
+    Each edge has the junctions at its begin and its end, and the distances (m) from these to the crossing.
+    """
+    for junctions, distances, others in ((mine, my_distances, theirs), (theirs, their_distances, mine)):
+        nearest = junctions[distances[0] > distances[1]]
+        if min(distances) <= FROM_ENDS and (nearest == "" or nearest in others):
+            return False
+    return True
 
 
 def levels_of(lanes: Sequence[Lane], separations: Sequence[GradeSeparation]) -> Levels:
@@ -127,11 +163,12 @@ def _around(line: Floats, places: Floats) -> Floats:
 def _crossings(
     segments: Floats, edge: NDArray[np.int64], across: float, margin: float, pairs: NDArray[np.int64], places: Floats
 ) -> int:
-    """Count the crossings of `segments` of different edges, farther than `margin` m from the ends of their lanes.
+    """Count the crossings of `segments` of different edges, farther than `margin` m from the ends of one of the lanes.
 
-    The edges and positions of the crossings go to `pairs` and `places`, (k, 2), as many as fit. `across`: sine of the
-    least angle. `segments`, (s, 6): x, y of both ends, and distances (m) from the first end to the begin and to the end
-    of the lane, sorted by the western ends.
+    The edges of the crossings go to `pairs`, (k, 2), as many as fit; to `places`, (k, 6), the positions (m), and the
+    distances (m) from the begin and the end of each of the two lanes. `across`: sine of the least angle. `segments`,
+    (s, 6): x, y of both ends, and distances (m) from the first end to the begin and to the end of the lane, sorted by
+    the western ends; -inf to the begin of lanes inside junctions.
     """
     found = 0
     for i in range(len(segments)):
@@ -143,6 +180,8 @@ def _crossings(
                 break
             if edge[i] == edge[j] or min(cy, dy) > north or max(cy, dy) < south:
                 continue
+            if segments[i, 4] < 0.0 and segments[j, 4] < 0.0:
+                continue  # both inside junctions
             ux, uy, vx, vy = bx - ax, by - ay, dx - cx, dy - cy
             turn, mine, theirs = ux * vy - uy * vx, math.sqrt(ux * ux + uy * uy), math.sqrt(vx * vx + vy * vy)
             if abs(turn) <= across * mine * theirs:
@@ -150,12 +189,14 @@ def _crossings(
             s, t = ((cx - ax) * vy - (cy - ay) * vx) / turn, ((cx - ax) * uy - (cy - ay) * ux) / turn
             if not (0.0 <= s <= 1.0 and 0.0 <= t <= 1.0):
                 continue
-            near_mine = min(segments[i, 4] + s * mine, segments[i, 5] - s * mine)
-            near_theirs = min(segments[j, 4] + t * theirs, segments[j, 5] - t * theirs)
-            if min(near_mine, near_theirs) <= margin:
+            begin, end = segments[i, 4] + s * mine, segments[i, 5] - s * mine
+            their_begin, their_end = segments[j, 4] + t * theirs, segments[j, 5] - t * theirs
+            if max(min(begin, end), min(their_begin, their_end)) <= margin:
                 continue
             if found < len(pairs):
                 pairs[found, 0], pairs[found, 1] = edge[i], edge[j]
                 places[found, 0], places[found, 1] = ax + s * ux, ay + s * uy
+                places[found, 2], places[found, 3] = begin, end
+                places[found, 4], places[found, 5] = their_begin, their_end
             found += 1
     return found

@@ -56,6 +56,28 @@ def test_no_levels_where_streets_meet_lie_side_by_side_or_touch_at_their_ends(tm
         assert len(flat.levels.x) == 0
 
 
+def test_a_street_under_a_junction_is_on_another_level_than_the_junction_and_its_lanes(tmp_path: Path) -> None:
+    """As in RESCO's ingolstadt21: a street crosses 3.5 m after the begin of a lane, and under the ways of junctions."""
+    nodes = CROSS | {"m": (0.0, 0.0), "a": (-100.0, 11.0), "b": (100.0, 11.0), "c": (-100.0, 3.5), "d": (100.0, 3.5)}
+    crossroads = ("wm", "mw", "me", "em", "sm", "ms", "nm", "mn")
+    beside = network(tmp_path, nodes, *crossroads, "ab")
+    assert {one.edges for one in beside.grade_separations} == {("ab", "mn"), ("ab", "nm")}
+    ends = {lane.id: lane.shape for lane in beside.lanes}
+    (_, y), _ = ends["mn_0"]
+    assert y < 11.0 - 1.6 < y + FROM_ENDS
+    under = network(tmp_path, nodes, *crossroads, "cd")
+    inside = {edge for one in under.grade_separations for edge in one.edges if edge.startswith(":m_")}
+    assert len(inside) >= 4
+    assert apart(under.levels, 1.6, 1.9, *NORTH, 1.6, 1.9, *EAST)
+    # Ways of one junction stay on one level.
+    assert not apart(under.levels, 1.6, -1.6, *NORTH, 1.6, -1.6, *EAST)
+
+
+def test_a_street_that_ends_on_another_one_is_on_its_level(tmp_path: Path) -> None:
+    flat = network(tmp_path, CROSS | {"a": (0.0, -1.6 - FROM_ENDS + 1.0)}, "we", "na")
+    assert flat.grade_separations == ()
+
+
 def test_three_streets_above_one_another_have_three_levels_and_bridges_reach_beyond_their_edges(tmp_path: Path) -> None:
     # The bridge over the street eastwards is an edge of 16 m, with others before and after it.
     nodes = CROSS | {"a": (0.0, -8.0), "b": (0.0, 8.0), "x": (-70.0, -70.0), "y": (70.0, 70.0)}
