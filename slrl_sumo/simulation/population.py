@@ -18,7 +18,7 @@ class Population:
     """The learned road users of a simulation, in SUMO and as a WorldState.
 
     `world`: present state of the n road users. `taken_over`: whether each one belongs to the scenario, (n,).
-    `sumo_types`: their vTypes. `ids`: their ids.
+    `sumo_types`: their vTypes. `ids`: their ids. `spawned_ids`: ids of the spawned ones.
     """
 
     def __init__(self, spawned: SpawnedControl, taken_over: TakenOverControl) -> None:
@@ -26,16 +26,10 @@ class Population:
         self.taken_over: NDArray[np.bool_] = np.zeros(0, np.bool_)
         self.sumo_types: tuple[str, ...] = ()
         self.ids: frozenset[str] = frozenset()
+        self.spawned_ids: frozenset[str] = frozenset()
         self._missed: set[str] = set()
         self._dropped: set[str] = set()
         self._spawned_control, self._taken_over_control = spawned, taken_over
-
-    @property
-    def spawned_ids(self) -> frozenset[str]:
-        """Ids of the spawned road users."""
-        return frozenset(
-            user for user, taken in zip(self.world.ids, self.taken_over.tolist(), strict=True) if not taken
-        )
 
     def spawn(self, kinds: NDArray[np.int8], x: Floats, y: Floats, heading: Floats, speed: Floats, time: float) -> None:
         """Add road users: RoadUserType, centres (m), headings (rad), speeds (m/s), all (n,)."""
@@ -177,13 +171,17 @@ class Population:
         rows = np.flatnonzero(mask)
         self.world, self.taken_over = self.world.take(rows), self.taken_over[rows]
         self.sumo_types = tuple(self.sumo_types[row] for row in rows)
-        self.ids = frozenset(self.world.ids)
+        self._update_ids()
 
     def _join(self, users: WorldState, sumo_types: tuple[str, ...], *, taken_over: bool) -> None:
         self.world = replace(self.world, time=users.time).join(users)
         self.taken_over = np.concatenate([self.taken_over, np.full(len(users), taken_over)])
         self.sumo_types += sumo_types
-        self.ids = frozenset(self.world.ids)
+        self._update_ids()
+
+    def _update_ids(self) -> None:
+        rows = zip(self.world.ids, self.taken_over.tolist(), strict=True)
+        self.ids, self.spawned_ids = frozenset(self.world.ids), frozenset(user for user, taken in rows if not taken)
 
 
 def _free_ids(sumo_type: str, present: frozenset[str]) -> Iterator[str]:
