@@ -26,7 +26,7 @@ from slrl_sumo.routing.walking.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, SignalAspect, spacing_at
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN, SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
@@ -42,8 +42,8 @@ DECEL_SHARE = 0.5
 FAR_BESIDE = 3.0
 """Distance (m) beside its path from which a vehicle on no lane of SUMO is off its route: a vehicle that had stopped 5 m
 beside its path, after two sharp turns in a row, did not move again."""
-# Python 3.11 takes 0.3 us to look up a member of an enumeration.
-PEDESTRIAN, BICYCLE = RoadUserType.PEDESTRIAN, RoadUserType.BICYCLE
+# Python 3.11 takes 0.3 us to look up a member of an enumeration, for each road user.
+BICYCLE = RoadUserType.BICYCLE
 GREEN, YELLOW, RED = SignalAspect.GREEN, SignalAspect.YELLOW, SignalAspect.RED
 
 

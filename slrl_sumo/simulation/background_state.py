@@ -7,7 +7,7 @@ import numpy as np
 from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 from slrl_sumo.sumo.reader import Snapshot
 
 
@@ -74,5 +74,5 @@ def places_of(learned: WorldState, sumo_types: tuple[str, ...], background: Worl
         sumo_type=sumo_types + tuple([snapshot.sumo_type[row] for row in theirs]),
         lane=tuple([lanes[row] for row in here + theirs]),
         lane_position=positions[here + theirs],
-        person=np.concatenate([learned.type == RoadUserType.PEDESTRIAN, snapshot.person[theirs].astype(np.bool_)]),
+        person=np.concatenate([learned.type == PEDESTRIAN, snapshot.person[theirs].astype(np.bool_)]),
     )

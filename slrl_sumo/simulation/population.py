@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState, empty_world
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, PEDESTRIAN
 from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
 from slrl_sumo.sumo.taken_over import TakenOverControl
 
@@ -56,7 +56,7 @@ class Population:
 
     def take_over(self, users: WorldState, sumo_types: tuple[str, ...]) -> None:
         """Control road users of the scenario from now on, starting from their states in SUMO."""
-        given = self._taken_over_control.take_over(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        given = self._taken_over_control.take_over(users.ids, users.type == PEDESTRIAN)
         rows = np.flatnonzero(given)
         users = replace(users.take(rows), learned=np.ones(len(rows), np.bool_))
         self._join(users, tuple(sumo_types[row] for row in rows), taken_over=True)
@@ -66,7 +66,7 @@ class Population:
         must = np.zeros(len(self.world), np.bool_)
         rows = np.flatnonzero(self.taken_over)
         users = self.world.take(rows)
-        must[rows] = self._taken_over_control.unsupported(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        must[rows] = self._taken_over_control.unsupported(users.ids, users.type == PEDESTRIAN)
         return must
 
     def hand_back(self, leaving: NDArray[np.bool_], *, off_route: bool = False) -> tuple[str, ...]:
@@ -78,7 +78,7 @@ class Population:
         if not len(rows):
             return ()
         users = self.world.take(rows)
-        done = self._taken_over_control.hand_back(users.ids, users.type == RoadUserType.PEDESTRIAN, off_route=off_route)
+        done = self._taken_over_control.hand_back(users.ids, users.type == PEDESTRIAN, off_route=off_route)
         back = tuple(i for i, gone in zip(users.ids, done.tolist(), strict=True) if gone)
         self.keep(~np.isin(np.arange(len(self.world)), rows[done]))
         return back
@@ -99,7 +99,7 @@ class Population:
             if control is self._spawned_control:
                 self._spawned_control.move(u.ids, u.type, u.x, u.y, u.heading, u.speed, u.length)
             else:
-                walking = u.type == RoadUserType.PEDESTRIAN
+                walking = u.type == PEDESTRIAN
                 self._taken_over_control.move(u.ids, walking, u.x, u.y, u.heading, u.speed, u.length)
 
     def check(self, users: WorldState, present: frozenset[str]) -> None:
