@@ -24,7 +24,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import count, islice
@@ -129,8 +129,8 @@ class LastRead(Reader):
 
     last: Snapshot
 
-    def read(self) -> Snapshot:
-        """See Reader."""
+    def read(self, spawned: Set[str] = frozenset()) -> Snapshot:
+        """All road users, also those `spawned`, whose edges are compared with the surfaces under them."""
         self.last = super().read()
         return self.last
 

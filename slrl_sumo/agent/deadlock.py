@@ -12,7 +12,7 @@ from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, PEDESTRIAN
 
 STANDING = 0.1
 """Speed (m/s) below which a road user stands."""
@@ -69,7 +69,7 @@ class DeadlockTimer:
         standing = route.known & (users.speed < STANDING)
         rows = np.flatnonzero(standing & ~closed & ~waits).tolist()
         free = (allowed_speed > FREE).tolist() if rows else []
-        queues = (context.queues & (users.type != RoadUserType.PEDESTRIAN)).tolist() if rows else []
+        queues = (context.queues & (users.type != PEDESTRIAN)).tolist() if rows else []
         # A red signal only interrupts the standing time: otherwise two pedestrians would block each other in every
         # green phase.
         stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) for row in np.flatnonzero(standing).tolist()}
@@ -84,7 +84,7 @@ class DeadlockTimer:
             name, blocked = users.ids[row], self._blocked_time(users, row)
             # A vehicle at the end of a queue is not forced: it would drive into its leader.
             if stood[name] >= (IDLE if free[row] else math.inf if queues[row] else _limit(name)):
-                long = ANY if users.type[row] == RoadUserType.PEDESTRIAN else 1.0
+                long = ANY if users.type[row] == PEDESTRIAN else 1.0
                 forced[name] = users.time + FORCED, long if blocked >= LONG else SOON
         self._stood, self._forced = stood, forced
         tolerance = np.zeros(len(users))

@@ -7,7 +7,7 @@ from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import RouteAhead
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 
 COLLISION_SOON = 0.5
 """Collision score of a collision within 2 s. The selector handles later collisions: with a guard for 3.2 s, vehicles
@@ -30,7 +30,7 @@ def guard(rollouts: ModeRollouts, kind: NDArray[np.int8], route: RouteAhead) -> 
     """
     assert rollouts.route is not None
     assert rollouts.collision_off_route is not None
-    driving = kind != RoadUserType.PEDESTRIAN
+    driving = kind != PEDESTRIAN
     fit = rollouts.route
     return _guard(
         rollouts.collision,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.off_surface import JUST_OFF
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 
 EASY = 0.8
 """Stop or follow ratio (see lookahead.route_fit) up to which harder braking is not needed."""
@@ -61,7 +61,7 @@ def cost_on_route(rollouts: ModeRollouts, weights: CostWeights, kind: NDArray[np
     """
     fit = rollouts.route
     assert fit is not None
-    walking = (kind == RoadUserType.PEDESTRIAN)[:, None]
+    walking = (kind == PEDESTRIAN)[:, None]
     moving = np.where(walking, 0.33, np.clip(speed[:, None] / TURNING, LEAST, 1.0))
     cost = weights.collision * rollouts.collision
     cost += weights.off_surface / JUST_OFF * rollouts.off_surface

@@ -11,7 +11,7 @@ from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, RouteAhead
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, PEDESTRIAN, RoadUserType
 
 SPARE = 0.95
 """Share of the greatest curvature of the models that a path may have: the rest serves the return to the path."""
@@ -60,7 +60,7 @@ def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -
     The routes belong to the first road users of `users`. Paths of pedestrians do not change.
     """
     changed = np.zeros(len(route), np.bool_)
-    driving = route.known & (users.type[: len(route)] != RoadUserType.PEDESTRIAN)
+    driving = route.known & (users.type[: len(route)] != PEDESTRIAN)
     if not driving.any():
         return route, changed
     x, y, desired, tight = route.x.copy(), route.y.copy(), route.desired_speed.copy(), np.zeros(len(route))

@@ -20,7 +20,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import wrapped
 from slrl_sumo.scene.route import on_path
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, PEDESTRIAN, RoadUserType
 
 CORRECTED = 1
 """Intervals after which the corrected heading equals the direction of the path at that place. With 2, vehicles turned
@@ -36,7 +36,6 @@ counts as at this speed: at lower speeds, paths through junctions would contain 
 to crawl."""
 TIGHTER = 0.2
 """Share by which steering may exceed the curvature of a tight turn, to return to the path within the turn."""
-PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 SHARP, TURNS = 0.4, 1.0
 """Yaw rates (rad/s): if no mode of a pedestrian turns by SHARP to a side, its sharpest mode to that side turns by TURNS
 and its other modes in proportion, also at a stand. Otherwise a pedestrian before a car could not step aside, and both

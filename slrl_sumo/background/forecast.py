@@ -12,7 +12,7 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.kernels import moved, wrapped
 from slrl_sumo.scene.route import HERE, on_path
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 
 FORECAST_HORIZON = 4.0
 """Time (s) for which road users are predicted on their paths: a car brakes comfortably from 14 m/s within 3.1 s."""
@@ -30,7 +30,6 @@ ASTRAY, AGAINST = 5.0, 1.0
 STOPPING_DECELERATION = np.array([4.5, 3.0, 0.4])
 """Deceleration (m/s²) by RoadUserType with which a road user can stop to let a vehicle pass. Pedestrians walk on: for
 1.6 s at 1.3 m/s."""
-PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 
 
 class Forecast(NamedTuple):
@@ -69,7 +68,7 @@ def forecast(users: WorldState, context: RouteContext | None = None) -> Forecast
     their heading.
     """
     now = np.stack([users.x, users.y, users.heading, users.length, users.width])
-    rate = np.where(users.type == RoadUserType.PEDESTRIAN, 0.0, users.yaw_rate)
+    rate = np.where(users.type == PEDESTRIAN, 0.0, users.yaw_rate)
     boxes, count = _forecast(now, users.speed, rate, _paths(users, context), MOMENTS)
     return Forecast(boxes, count, users.speed / (2.0 * STOPPING_DECELERATION[users.type]))
 

@@ -12,7 +12,7 @@ from slrl_sumo.background.forecast import FORECAST_STANDING_SPEED
 from slrl_sumo.scene.contacts import COLLISION_DISTANCE, listed_ranges
 from slrl_sumo.scene.geometry import Floats, to_ego
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 from slrl_sumo.sumo.reader import Snapshot
 
 PERSON_ROOM = 0.05
@@ -44,7 +44,7 @@ class YieldingPersons:
     def _blocked(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> NDArray[np.bool_]:
         """Which of the persons `rows` would walk into a road user of `learned`, (n,)."""
         blocked = np.zeros(len(rows), np.bool_)
-        walking = learned.type == RoadUserType.PEDESTRIAN
+        walking = learned.type == PEDESTRIAN
         # A standing vehicle may be waiting for the person: the person walks past it.
         others = np.flatnonzero(walking | (learned.speed > FORECAST_STANDING_SPEED))
         if not len(rows) or not len(others):

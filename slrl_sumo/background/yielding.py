@@ -21,7 +21,7 @@ from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_a
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Snapshot
@@ -166,7 +166,7 @@ class Yielding:
         # A vehicle slows down beside standing road users, and stops for road users on its path.
         patient = np.array([self._stood.get(snapshot.ids[row], 0.0) < LONGEST_VEHICLE_WAIT for row in rows], np.bool_)
         on_lanes = np.zeros(len(learned), np.bool_) if context is None else context.route.known
-        passes = ~patient[vehicle] & (on_lanes & (learned.type != RoadUserType.PEDESTRIAN) & (moments == 1))[agent]
+        passes = ~patient[vehicle] & (on_lanes & (learned.type != PEDESTRIAN) & (moments == 1))[agent]
         margin = np.append(np.zeros(len(agent)), np.full(len(standing), STANDING_MARGIN))
         vehicle, agent = np.append(vehicle, vehicle[standing]), np.append(agent, agent[standing])
         beside = np.append(passes, np.ones(len(standing), np.bool_))

@@ -13,7 +13,7 @@ from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 
 REACH = 30.0
 """Distance (m) within which other road users count."""
@@ -46,7 +46,7 @@ def blame_of(kind: NDArray[np.int8], follows: NDArray[np.bool_], routed: NDArray
     A standing vehicle is hit by the other road user, and could not avoid the collision by driving on; a pedestrian
     might step aside. Vehicles in contact with a standing road user may drive on beside it, as SUMO's lanes lead them.
     """
-    walks = routed & (kind == RoadUserType.PEDESTRIAN)
+    walks = routed & (kind == PEDESTRIAN)
     return Blame(follows, np.where(follows, 0.0, np.where(walks, WAITING, 1.0)), walks)
 
 
@@ -64,7 +64,7 @@ def collision_scores(
     only road users within REACH count. Boxes on different `levels` do not collide.
     """
     stands = world.speed < STANDING
-    person = world.type == RoadUserType.PEDESTRIAN
+    person = world.type == PEDESTRIAN
     return _collision_scores(
         paths,
         blame,

@@ -12,7 +12,7 @@ from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.route import HERE, RouteAhead
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, PEDESTRIAN
 
 NEAR_PATH, ALONG_PATH = 1.0, 0.35
 """Lateral offset (m) and heading error (rad): the forecast of road users beyond both is at constant yaw rate, not along
@@ -59,7 +59,7 @@ def path_following(context: RouteContext | None, world: WorldState) -> PathFollo
         return PathFollowing(none.known, np.zeros(0), none.stop, none.x, none.y, none.spacing)
     n, route = len(context), context.route
     heading_error = np.abs(wrap_angle(world.heading[:n] - context.direction))
-    follows = route.known & (world.type[:n] != RoadUserType.PEDESTRIAN)
+    follows = route.known & (world.type[:n] != PEDESTRIAN)
     follows &= (np.abs(context.lateral_offset) < NEAR_PATH) | (heading_error < ALONG_PATH)
     return PathFollowing(follows, context.lateral_offset, route.stop, route.x, route.y, route.spacing)
 

@@ -10,7 +10,7 @@ from slrl_sumo.scene.advance import HALT, INTENT
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, PEDESTRIAN
 
 STEPS = 8
 """Horizon in decision intervals: 3.2 s."""
@@ -54,7 +54,7 @@ def mode_paths(
     intent = INTENT if on_route else -np.inf
     turning = np.full(yaw_rate.shape, HELD)
     if on_route:
-        walks = users.type == RoadUserType.PEDESTRIAN
+        walks = users.type == PEDESTRIAN
         turning[walks] = turns_held(yaw_rate[walks])
     # numpy's tan takes a tenth of the time of a compiled cosine and sine (see geometry.cos_sin).
     tan = np.tan(0.25 * DECISION_INTERVAL * yaw_rate)

@@ -22,7 +22,7 @@ from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, PEDESTRIAN
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class _Expected(NamedTuple):
         rows, levels = scene.rows, scene.road_map.shapes.levels
         if self.on_foot is None:
             return collision_scores(paths, blame, self.others, self.world, rows, levels)
-        walks, scores = users.type == RoadUserType.PEDESTRIAN, np.empty(paths.x[:, 0].shape)
+        walks, scores = users.type == PEDESTRIAN, np.empty(paths.x[:, 0].shape)
         for some, expected in ((~walks, self), (walks, self.on_foot)):
             of_some = ModePaths(*(values[some] for values in paths)), Blame(*(values[some] for values in blame))
             scores[some] = collision_scores(*of_some, expected.others, expected.world, rows[some], levels)
@@ -161,7 +161,7 @@ def _starting(world: WorldState, context: RouteContext | None) -> NDArray[np.boo
     starts = np.zeros(len(world), np.bool_)
     if context is not None:
         n = len(context)
-        stands = (world.type[:n] == RoadUserType.PEDESTRIAN) & (world.speed[:n] < STANDING)
+        stands = (world.type[:n] == PEDESTRIAN) & (world.speed[:n] < STANDING)
         starts[:n] = stands & context.route.known & (context.route.stop > START)
     return starts
 
@@ -172,7 +172,7 @@ def _with_persons_as_expected(world: WorldState) -> WorldState:
     Pedestrians turn by up to 4 rad/s from decision to decision, but not in circles; and shoulders across the way at one
     decision may be along it at the next.
     """
-    walks = world.type == RoadUserType.PEDESTRIAN
+    walks = world.type == PEDESTRIAN
     length = np.where(walks, np.maximum(world.length, world.width), world.length)
     return replace(world, length=length, yaw_rate=np.where(walks, 0.0, world.yaw_rate))
 

@@ -10,7 +10,7 @@ from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, RouteAhead
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN, RoadUserType
 
 NEAR = 3
 """Number of intervals (1.2 s) in which a road user with a route must not leave its surfaces; later it follows its
@@ -41,7 +41,7 @@ def off_surface(
     checked = np.full(len(kind), STEPS) if route is None else np.where(route.known[rows], NEAR, STEPS)
     ground = kind
     if route is not None:
-        ground = np.where((kind == RoadUserType.PEDESTRIAN) & route.known[rows], WALK, kind).astype(np.int8)
+        ground = np.where((kind == PEDESTRIAN) & route.known[rows], WALK, kind).astype(np.int8)
     x, y = _places(paths.x, paths.y, checked)
     surface = road_map.surface_at(x, y)
     outside = _outside(surface, checked, ground, paths.x.shape[2])

@@ -13,7 +13,7 @@ from slrl_sumo.scene.kernels import apart
 from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.route import AHEAD, SPACING, RouteAhead, beside, on_path
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 
 SIDE_GAP = np.array([0.25, 0.25, 0.1])
 """Lateral clearance (m) from which another road user is no leader, by the type of the follower; 0 for vehicles beside a
@@ -38,7 +38,6 @@ STANDING = 0.5
 BRAKES = 4.0
 """Greatest expected deceleration (m/s²) of a leader."""
 COS_ALIKE = math.cos(ALIKE)
-PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 
 
 class _Users(NamedTuple):
@@ -105,7 +104,7 @@ def leaders(
             np.full(n, np.inf), np.zeros(n), np.full(n, -1), np.full(n, np.inf), np.zeros(n), np.zeros(0, np.int64)
         )
     aside = np.zeros(len(world))
-    driving = world.type[:n] != RoadUserType.PEDESTRIAN
+    driving = world.type[:n] != PEDESTRIAN
     aside[:n] = np.where(driving & route.known, np.clip(lateral_offset, -FARTHEST, FARTHEST), 0.0)
     room, reach = SIDE_GAP[world.type] + 0.5 * world.width + np.abs(aside), 0.5 * np.hypot(world.length, world.width)
 

@@ -17,7 +17,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import apart
 from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 
 BESIDE, BEYOND = 0.6, 1.2
 """Lateral bounds of the next lane: m from the centre of the changing vehicle, and m beyond the lane's centre line."""
@@ -212,7 +212,7 @@ def _on_the_level(levels: Levels, world: WorldState, change: LaneChange, rows: N
 def _around(world: WorldState, change: LaneChange, levels: Levels) -> _Around:
     row, lateral_offset = change.row, change.lateral_offset
     along, across, directions = lane_positions(change.lane, world, row)
-    same_way = (np.cos(world.heading - directions) > 0.5) & (world.type != RoadUserType.PEDESTRIAN)
+    same_way = (np.cos(world.heading - directions) > 0.5) & (world.type != PEDESTRIAN)
     # From just beside the vehicle to the far edge of the wanted lane.
     low, high = sorted(
         (-math.copysign(BESIDE, lateral_offset), -lateral_offset - math.copysign(BEYOND, lateral_offset))

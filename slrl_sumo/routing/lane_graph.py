@@ -52,7 +52,11 @@ class LaneGraph:
         """The internal lanes of each junction (see `junction_of`), with pedestrian crossings, without walking areas."""
         self.version = 0
         """Number of changes of permissions: older paths may lead over closed lanes, or end before opened lanes."""
+        self.round = 0
+        """Number of times that reading the permissions again was allowed."""
         self._state, self._looked_at, self._renewed = LaneState(api), set[str](), 0
+        self.limit = self._state.limit
+        """Speed limit of a lane now, m/s."""
         self._changed: dict[str, Lane] = {}
         """Lanes with changed permissions, in their original state."""
         self._of_edge: dict[str, list[str]] = {}
@@ -75,15 +79,7 @@ class LaneGraph:
         self._renewed += 1
         if self._renewed % LOOKS == 0:
             self._looked_at.clear()
-
-    @property
-    def round(self) -> int:
-        """Number of times that reading the permissions again was allowed."""
-        return self._renewed // LOOKS
-
-    def limit(self, lane: str) -> float:
-        """Speed limit of a lane now, m/s."""
-        return self._state.limit(lane)
+            self.round += 1
 
     def look_at(self, edge: str) -> None:
         """Read the present permissions of the lanes of an edge."""

@@ -3,7 +3,7 @@
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 from slrl_sumo.routing.polyline import Polyline
 
@@ -32,6 +32,11 @@ class JunctionEntry:
     def junction(self) -> str:
         """See `junction_of`."""
         return junction_of(self.via)
+
+    @cached_property
+    def link(self) -> tuple[str, str, str]:
+        """Lane before the line, lane after the junction, and internal lane after the line."""
+        return self.lane, self.target, self.via
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,7 @@ class LanePath:
         return min(bisect_right(self.ends, s), len(self.lanes) - 1)
 
 
+@cache
 def junction_of(lane: str) -> str:
     """Common prefix of the ids of all internal lanes of a junction."""
     return lane.rsplit("_", 2)[0]

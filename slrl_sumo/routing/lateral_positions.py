@@ -11,7 +11,7 @@ from slrl_sumo.perception.leaders import SIDE_GAP
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN, RoadUserType
 
 EDGE = 0.1
 """Distance (m) that bicycles keep from the edges of a lane."""
@@ -49,7 +49,7 @@ def pass_persons(route: RouteAhead, world: WorldState, shared_paths: Sequence[Sh
     The road users of `route` are the first ones of `world`. Bicycles that followed persons instead rode at 2.0 m/s on a
     path of 3 m with 180 persons an hour in each direction, where SUMO's ride at 5.4 m/s.
     """
-    persons = np.flatnonzero(world.type == RoadUserType.PEDESTRIAN) if shared_paths else np.zeros(0, np.intp)
+    persons = np.flatnonzero(world.type == PEDESTRIAN) if shared_paths else np.zeros(0, np.intp)
     for row, track, room in shared_paths:
         now, speed = track.lateral_position, world.speed.item(row)
         wanted = _lateral_position(route, world, row, now, room, persons)

@@ -26,7 +26,7 @@ from slrl_sumo.routing.walking.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, SignalAspect, spacing_at
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN, SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
@@ -42,6 +42,9 @@ DECEL_SHARE = 0.5
 FAR_BESIDE = 3.0
 """Distance (m) beside its path from which a vehicle on no lane of SUMO is off its route: a vehicle that had stopped 5 m
 beside its path, after two sharp turns in a row, did not move again."""
+# Python 3.11 takes 0.3 us to look up a member of an enumeration, for each road user.
+BICYCLE = RoadUserType.BICYCLE
+GREEN, YELLOW, RED = SignalAspect.GREEN, SignalAspect.YELLOW, SignalAspect.RED
 
 
 class Routes:
@@ -79,11 +82,11 @@ class Routes:
         shared_paths: list[SharedPath] = []
         for i, kind in enumerate(world.type[:n].tolist()):
             try:
-                if kind == RoadUserType.PEDESTRIAN:
+                if kind == PEDESTRIAN:
                     self._add_pedestrian(route, world, i)
                 else:
                     track = self._add_vehicle(route, world, i, lane_changes)
-                    if kind == RoadUserType.BICYCLE:
+                    if kind == BICYCLE:
                         shared_paths += self._shared_path(track, world, i)
             except Exception as error:
                 self.refusals.catch(world.ids[i], error)
@@ -147,15 +150,22 @@ class Routes:
         if is_near_end(left, track.speed) and _turned(track, heading, track.s + left) < ALIGNED:
             self._near_end.add(road_user)
         across = track.history.idle_time > STUCK and _turned(track, heading, track.s - 0.5 * size.length) > ACROSS
-        off_lane = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
         # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane. A
         # vehicle across its path, as where lanes meet at 145 degrees, and the next one can block each other for ever.
-        if left < 0.0 or across or (off_lane and self._vehicles.on_no_lane(road_user)):
+        if left < 0.0 or across or self._has_left_lanes(road_user, track):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
         track.path.line.draw(track.s - 0.5 * size.length - behind, spacing, route.x, route.y, i)
         return track
+
+    def _has_left_lanes(self, road_user: str, track: VehicleTrack) -> bool:
+        """Whether SUMO has a vehicle of the scenario on no lane, and it is far beside its path or where the path does
+        not continue along its route."""
+        if road_user.startswith(SPAWNED_PREFIX):
+            return False  # SUMO knows no lane of spawned vehicles
+        off_lane = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
+        return off_lane and self._vehicles.on_no_lane(road_user)
 
     def _shared_path(self, track: VehicleTrack, world: WorldState, i: int) -> list[SharedPath]:
         """The path that the bicycle in row `i` shares with pedestrians, or has just left; [] if there is none."""
@@ -203,7 +213,7 @@ class Routes:
         """
         signal = self._right_of_way.signal(entry)
         route.line[i], route.signal[i] = line, signal
-        route.stop_at_signal[i] = signal >= SignalAspect.YELLOW and stop <= line
+        route.stop_at_signal[i] = signal >= YELLOW and stop <= line
 
     def _add_junction_to_keep_clear(
         self, route: RouteAhead, i: int, track: VehicleTrack, entries: list[tuple[JunctionEntry, float]], length: float
@@ -236,7 +246,7 @@ class Routes:
         route.known[i] = True
         route.stop[i], route.line[i] = stop, crossing
         if math.isfinite(crossing):
-            route.signal[i], route.stop_at_signal[i] = SignalAspect.RED if red else SignalAspect.GREEN, red
+            route.signal[i], route.stop_at_signal[i] = RED if red else GREEN, red
         route.remaining_distance[i] = left
         track.path.line.draw(track.s - BEHIND, SPACING, route.x, route.y, i)
 

@@ -44,16 +44,16 @@ class SpeedLimits:
 
         The vehicle brakes for lower limits ahead with the share `decel_share` of its deceleration.
         """
-        path, own = track.path, track.parameters
+        path, own, s, limit_of = track.path, track.parameters, track.s, self._graph.limit
         decel, factor, most = decel_share * own.decel, own.speed_factor, own.max_speed
-        here = path.lane_at(track.s)
-        speed = min(self._graph.limit(path.lanes[here]) * factor, most)
+        lanes, ends, here = path.lanes, path.ends, path.lane_at(s)
+        speed = min(limit_of(lanes[here]) * factor, most)
         sight = _sight(track.speed, decel, dt)
-        for k in range(here + 1, len(path.lanes)):
-            distance = path.ends[k - 1] - track.s
+        for k in range(here + 1, len(lanes)):
+            distance = ends[k - 1] - s
             if distance > sight:
                 break
-            limit = min(self._graph.limit(path.lanes[k]) * factor, most)
+            limit = min(limit_of(lanes[k]) * factor, most)
             if limit < speed:
                 speed = min(speed, braking_speed(limit, distance, decel, dt))
         return speed
@@ -67,10 +67,9 @@ class SpeedLimits:
         for entry, distance in within_sight(track, ahead, dt):
             if distance < 0.0 and track.speed > ROLLING:
                 continue  # already over the line
-            rule = self._right_of_way.rule(entry, distance, track.speed, decel)
-            # At a stop sign, the vehicle must first stand before the line, even without foes.
-            if self._right_of_way.halts(entry) and track.history.halted != entry.via:
-                rule = "stop"
+            rule = self._right_of_way.rule(
+                entry, distance, track.speed, decel, halted=track.history.halted == entry.via
+            )
             too_late = track.speed * track.speed / (2.0 * decel) > distance + 1.0
             found.append(EntryAhead(entry, distance, rule, too_late))
         return found

@@ -53,12 +53,11 @@ class VehicleTracker:
     def on_no_lane(self, road_user: str) -> bool:
         """Whether SUMO places a vehicle of the scenario on no lane, because it is too far from the lanes of its
         route."""
-        return not road_user.startswith(SPAWNED_PREFIX) and vehicle_lane(self._api, road_user) == ""
+        return vehicle_lane(self._api, road_user) == ""
 
     def remaining_distance(self, road_user: str) -> float:
         """Distance (m) to the end of a vehicle's trip; inf if the path ends earlier, and without a route or track."""
-        track = self._vehicles.get(road_user)
-        if track is None or road_user.startswith(SPAWNED_PREFIX):
+        if road_user.startswith(SPAWNED_PREFIX) or (track := self._vehicles.get(road_user)) is None:
             return math.inf
         path, lanes = track.path, self._graph.lanes
         last = lanes[path.lanes[-1]].edge
@@ -221,17 +220,18 @@ class VehicleTracker:
         if lane[0] == ":":
             return
         self._look_ahead(track, here)
-        found_with = self._route_id(road_user), self._graph.version
+        route, version = self._route_id(road_user), self._graph.version
+        unchanged = track.version == version and track.route_id == route
         # Over a short lane the path may be a curve, which a path from that lane on would not continue.
-        if (here == 0 or is_short(self._graph.lanes[lane])) and (track.route_id, track.version) == found_with:
+        if unchanged and (here == 0 or is_short(self._graph.lanes[lane])):
             return
-        track.route_id, track.version = found_with
+        track.route_id, track.version = route, version
         edge = self._graph.lanes[lane].edge
         if not road_user.startswith(SPAWNED_PREFIX):
-            route, index = vehicle_route(self._api, road_user)
+            edges, index = vehicle_route(self._api, road_user)
             begin = max(index, 0)
-            if edge in route[begin:]:
-                track.edges = route[route.index(edge, begin) + 1 :]
+            if edge in edges[begin:]:
+                track.edges = edges[edges.index(edge, begin) + 1 :]
             elif edge in track.edges:
                 track.edges = track.edges[track.edges.index(edge) + 1 :]
         if here == 0:

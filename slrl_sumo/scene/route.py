@@ -155,8 +155,8 @@ def beside(
 
 def spacing_at(speed: float) -> float:
     """Spacing (m) of the points of the path of a vehicle at `speed` (m/s)."""
-    seen = min(SEEN_TIME * speed + speed * speed / (2.0 * SEEN_BRAKING), SEEN_MOST)
-    return max(SPACING, SPACING / AHEAD * seen)
+    seen = SEEN_TIME * speed + speed * speed / (2.0 * SEEN_BRAKING)
+    return SPACING if seen <= AHEAD else SPACING / AHEAD * min(seen, SEEN_MOST)
 
 
 @compiled

@@ -7,7 +7,7 @@ import numpy as np
 from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 from slrl_sumo.sumo.reader import Snapshot
 
 
@@ -53,19 +53,26 @@ class Differences:
 
 def places_of(learned: WorldState, sumo_types: tuple[str, ...], background: WorldState, snapshot: Snapshot) -> Places:
     """Lane, position and vType in the trace of each road user of `learned` and `background`, in this order."""
-    where = {road_user: i for i, road_user in enumerate(snapshot.ids)}
+    spawned = snapshot.spawned
+    where = {road_user: i for i, road_user in enumerate((*snapshot.ids, *spawned.vehicles))}
     own = np.array([where.get(road_user, -1) for road_user in learned.ids], np.intp)
     # SUMO's lane is valid only if SUMO has the road user at its learned position, not while SUMO holds it elsewhere.
     known = np.flatnonzero(own >= 0)
     rows = own[known]
-    away = np.abs(snapshot.x[rows] - learned.x[known]) + np.abs(snapshot.y[rows] - learned.y[known])
+    x, y = np.append(snapshot.x, spawned.front_x), np.append(snapshot.y, spawned.front_y)
+    # Of spawned vehicles SUMO's front is known, of others the centre.
+    ahead, heading = np.where(rows < len(snapshot.ids), 0.0, 0.5 * learned.length[known]), learned.heading[known]
+    away_x = x[rows] - (learned.x[known] + ahead * np.cos(heading))
+    away_y = y[rows] - (learned.y[known] + ahead * np.sin(heading))
+    away = np.abs(away_x) + np.abs(away_y)
     own[known[~(away < 0.1)]] = -1
     here, theirs = own.tolist(), [where[road_user] for road_user in background.ids]
     # Row -1 is the place of the road users that SUMO does not have here.
-    lanes, positions = (*snapshot.lane, ""), np.append(snapshot.lane_position, 0.0)
+    lanes = (*snapshot.lane, *spawned.lane, "")
+    positions = np.concatenate([snapshot.lane_position, spawned.lane_position, [0.0]])
     return Places(
         sumo_type=sumo_types + tuple([snapshot.sumo_type[row] for row in theirs]),
         lane=tuple([lanes[row] for row in here + theirs]),
         lane_position=positions[here + theirs],
-        person=np.concatenate([learned.type == RoadUserType.PEDESTRIAN, snapshot.person[theirs].astype(np.bool_)]),
+        person=np.concatenate([learned.type == PEDESTRIAN, snapshot.person[theirs].astype(np.bool_)]),
     )

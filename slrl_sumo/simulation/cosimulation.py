@@ -68,8 +68,8 @@ class CoSimulation:
     Call `spawn` (optional), then `start` once, then `step` for each SUMO step or `decide` for each 0.4 s, and `release`
     at the end. `population`: the learned road users. `world`: all road users now. `surfaces` and `road_map`: the
     ground. `points`: the starting points of each type. `driver`: moves the learned road users. Ids in `exclude` are
-    neither taken over nor held. `traced`: whether the places in the steps go into a trace; if not, the places of
-    learned persons are SUMO's, without further computation.
+    neither taken over nor held. `traced`: whether the places in the steps go into a trace; if not, spawned persons have
+    no places, and taken-over persons those of SUMO.
     """
 
     def __init__(
@@ -108,6 +108,7 @@ class CoSimulation:
         self._refusals += [] if self._yielding is None else [self._yielding.refusals]
         self._refused: dict[str, str] = {}
         self._trace_places = TracePlaces(session.api, session.network) if traced else None
+        self._takes_over = takeover is not None
         self._time: float | None = None
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
@@ -209,8 +210,8 @@ class CoSimulation:
         self._session.step()
         self._time = self._session.time
         self._stopwatch.lap("sumo")
-        self._snapshot = self._session.reader.read()
-        self.population.check(users, frozenset(self._snapshot.ids))
+        self._snapshot = self._session.reader.read(self._known)
+        self.population.check(users, self._snapshot.present)
         background = background_world(self._snapshot, self._session.time, self.population.ids)
         places = places_of(users, self.population.sumo_types, background, self._snapshot)
         world = replace(users, time=time).join(background)
@@ -262,6 +263,12 @@ class CoSimulation:
             left_to_sumo=tuple(item for item in self._handover.left.items() if item not in left_before.items()),
             refused=tuple(self._refused.items()),
         )
+
+    @property
+    def _known(self) -> frozenset[str]:
+        """Ids of the spawned road users, whose states need not be read; none in runs with takeovers, which compare
+        SUMO's persons with spawned ones."""
+        return frozenset() if self._takes_over else self.population.spawned_ids
 
     def _drop_refused(self) -> None:
         """Return road users for which SUMO has refused a call to SUMO, permanently."""

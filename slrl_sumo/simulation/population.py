@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState, empty_world
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, PEDESTRIAN
 from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
 from slrl_sumo.sumo.taken_over import TakenOverControl
 
@@ -18,7 +18,7 @@ class Population:
     """The learned road users of a simulation, in SUMO and as a WorldState.
 
     `world`: present state of the n road users. `taken_over`: whether each one belongs to the scenario, (n,).
-    `sumo_types`: their vTypes. `ids`: their ids.
+    `sumo_types`: their vTypes. `ids`: their ids. `spawned_ids`: ids of the spawned ones.
     """
 
     def __init__(self, spawned: SpawnedControl, taken_over: TakenOverControl) -> None:
@@ -26,16 +26,10 @@ class Population:
         self.taken_over: NDArray[np.bool_] = np.zeros(0, np.bool_)
         self.sumo_types: tuple[str, ...] = ()
         self.ids: frozenset[str] = frozenset()
+        self.spawned_ids: frozenset[str] = frozenset()
         self._missed: set[str] = set()
         self._dropped: set[str] = set()
         self._spawned_control, self._taken_over_control = spawned, taken_over
-
-    @property
-    def spawned_ids(self) -> frozenset[str]:
-        """Ids of the spawned road users."""
-        return frozenset(
-            user for user, taken in zip(self.world.ids, self.taken_over.tolist(), strict=True) if not taken
-        )
 
     def spawn(self, kinds: NDArray[np.int8], x: Floats, y: Floats, heading: Floats, speed: Floats, time: float) -> None:
         """Add road users: RoadUserType, centres (m), headings (rad), speeds (m/s), all (n,)."""
@@ -62,7 +56,7 @@ class Population:
 
     def take_over(self, users: WorldState, sumo_types: tuple[str, ...]) -> None:
         """Control road users of the scenario from now on, starting from their states in SUMO."""
-        given = self._taken_over_control.take_over(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        given = self._taken_over_control.take_over(users.ids, users.type == PEDESTRIAN)
         rows = np.flatnonzero(given)
         users = replace(users.take(rows), learned=np.ones(len(rows), np.bool_))
         self._join(users, tuple(sumo_types[row] for row in rows), taken_over=True)
@@ -72,7 +66,7 @@ class Population:
         must = np.zeros(len(self.world), np.bool_)
         rows = np.flatnonzero(self.taken_over)
         users = self.world.take(rows)
-        must[rows] = self._taken_over_control.unsupported(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        must[rows] = self._taken_over_control.unsupported(users.ids, users.type == PEDESTRIAN)
         return must
 
     def hand_back(self, leaving: NDArray[np.bool_], *, off_route: bool = False) -> tuple[str, ...]:
@@ -84,7 +78,7 @@ class Population:
         if not len(rows):
             return ()
         users = self.world.take(rows)
-        done = self._taken_over_control.hand_back(users.ids, users.type == RoadUserType.PEDESTRIAN, off_route=off_route)
+        done = self._taken_over_control.hand_back(users.ids, users.type == PEDESTRIAN, off_route=off_route)
         back = tuple(i for i, gone in zip(users.ids, done.tolist(), strict=True) if gone)
         self.keep(~np.isin(np.arange(len(self.world)), rows[done]))
         return back
@@ -105,7 +99,7 @@ class Population:
             if control is self._spawned_control:
                 self._spawned_control.move(u.ids, u.type, u.x, u.y, u.heading, u.speed, u.length)
             else:
-                walking = u.type == RoadUserType.PEDESTRIAN
+                walking = u.type == PEDESTRIAN
                 self._taken_over_control.move(u.ids, walking, u.x, u.y, u.heading, u.speed, u.length)
 
     def check(self, users: WorldState, present: frozenset[str]) -> None:
@@ -177,13 +171,17 @@ class Population:
         rows = np.flatnonzero(mask)
         self.world, self.taken_over = self.world.take(rows), self.taken_over[rows]
         self.sumo_types = tuple(self.sumo_types[row] for row in rows)
-        self.ids = frozenset(self.world.ids)
+        self._update_ids()
 
     def _join(self, users: WorldState, sumo_types: tuple[str, ...], *, taken_over: bool) -> None:
         self.world = replace(self.world, time=users.time).join(users)
         self.taken_over = np.concatenate([self.taken_over, np.full(len(users), taken_over)])
         self.sumo_types += sumo_types
-        self.ids = frozenset(self.world.ids)
+        self._update_ids()
+
+    def _update_ids(self) -> None:
+        rows = zip(self.world.ids, self.taken_over.tolist(), strict=True)
+        self.ids, self.spawned_ids = frozenset(self.world.ids), frozenset(user for user, taken in rows if not taken)
 
 
 def _free_ids(sumo_type: str, present: frozenset[str]) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """Reading all road users out of SUMO, once per step."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,8 +22,25 @@ EVERYWHERE = 1e7
 INVALID = -1e9
 """A position below this means that SUMO has the vehicle on no lane (it writes -2^30)."""
 
+_Front = tuple[str, tuple[float, float], str, float]
+"""Id of a spawned vehicle, position of its front, lane, and position (m) along the lane."""
 _Row = tuple[str, str, tuple[float, float], float, float, str, float]
 """Id, vType, position, angle, speed, lane or edge, and position (m) along the lane or edge."""
+
+
+@dataclass(frozen=True)
+class SpawnedPlaces:
+    """The spawned road users on the network after a SUMO step, whose states the caller knows."""
+
+    persons: tuple[str, ...]
+    vehicles: tuple[str, ...]
+    front_x: Floats
+    """Front of each vehicle, m."""
+    front_y: Floats
+    lane: tuple[str, ...]
+    """Lane of each vehicle; '' for vehicles that SUMO has on no lane."""
+    lane_position: Floats
+    """Position, m from the begin of the lane; 0 if `lane` is ''."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +66,13 @@ class Snapshot:
     """Lane id of vehicles, edge id of persons; '' for road users that SUMO has on no lane or edge."""
     lane_position: Floats
     """Position, m from the begin of the lane or edge; 0 if `lane` is ''."""
+    spawned: SpawnedPlaces
+    """The spawned road users, which are not among the n."""
+
+    @property
+    def present(self) -> frozenset[str]:
+        """Ids of all road users on the network."""
+        return frozenset(self.ids).union(self.spawned.persons, self.spawned.vehicles)
 
 
 class Reader:
@@ -71,16 +95,20 @@ class Reader:
         self._headings: tuple[tuple[str, ...], Floats] = (), np.zeros(0)
         """Ids and headings of the road users at the last reading."""
 
-    def read(self) -> Snapshot:
-        """All road users on the network now. Takes about 2 us per road user with libsumo."""
+    def read(self, spawned: Set[str] = frozenset()) -> Snapshot:
+        """All road users on the network now. Takes about 2 us per road user with libsumo.
+
+        `spawned`: ids of spawned road users that the caller moves: only what it does not know of them is read.
+        """
         of_edge: Mapping[str, Mapping[int, Any]] = {}
         of_lane = of_edge
         if self._subscribes:
             self._subscribe()
             of_edge = self._api.edge.getContextSubscriptionResults(self._edge)
             of_lane = self._api.lane.getContextSubscriptionResults(self._lane)
-        vehicles = _vehicles(self._api.vehicle, of_edge)
-        rows = vehicles + _persons(self._api.person, of_lane)
+        vehicles, fronts = _vehicles(self._api.vehicle, of_edge, spawned)
+        persons, spawned_persons = _persons(self._api.person, of_lane, spawned)
+        rows = vehicles + persons
         ids, types, positions, angles, speeds, lanes, lane_positions = (
             tuple(column) for column in (zip(*rows, strict=True) if rows else ((),) * 7)
         )
@@ -91,7 +119,7 @@ class Reader:
         front = np.array(positions, np.float64).reshape(-1, 2)
         heading = self._without_nan(ids, heading_from_sumo(np.array(angles, np.float64)))
         x, y = centre_from_front(front[:, 0], front[:, 1], heading, length)
-        along = _finite(lane_positions)
+        on_lane, along = _on_lanes(lanes, lane_positions)
         return Snapshot(
             ids=ids,
             person=person,
@@ -104,8 +132,9 @@ class Reader:
             length=length,
             width=width,
             sumo_type=types,
-            lane=tuple("" if p < INVALID else lane for lane, p in zip(lanes, lane_positions, strict=True)),
-            lane_position=np.where(along < INVALID, 0.0, np.maximum(along, 0.0)),
+            lane=on_lane,
+            lane_position=along,
+            spawned=_spawned(spawned_persons, fronts),
         )
 
     def _without_nan(self, ids: tuple[str, ...], heading: Floats) -> Floats:
@@ -147,13 +176,22 @@ class Reader:
         return static
 
 
-def _vehicles(domain: VehicleDomain, subscribed: Mapping[str, Mapping[int, Any]]) -> list[_Row]:
-    """The vehicles on the network, without vehicles that teleport or are not inserted yet."""
-    rows = []
+def _vehicles(
+    domain: VehicleDomain, subscribed: Mapping[str, Mapping[int, Any]], spawned: Set[str]
+) -> tuple[list[_Row], list[_Front]]:
+    """The vehicles on the network, without vehicles that teleport or are not inserted yet: others, and `spawned`."""
+    rows: list[_Row] = []
+    fronts: list[_Front] = []
     for vehicle in domain.getIDList():
         # The context subscription lacks vehicles beside all lanes, where moved vehicles may be.
         values = subscribed.get(vehicle)
-        if values is not None:
+        if vehicle in spawned:
+            position = domain.getPosition(vehicle) if values is None else values[POSITION]
+            if _is_place(position):
+                lane = domain.getLaneID(vehicle) if values is None else values[LANE_ID]
+                along = domain.getLanePosition(vehicle) if values is None else values[LANE_POSITION]
+                fronts.append((vehicle, position, lane, along))
+        elif values is not None:
             if _is_place(values[POSITION]):
                 rows.append(_subscribed_row(vehicle, values, values[LANE_ID]))
         elif _is_place(position := domain.getPosition(vehicle)):
@@ -168,15 +206,21 @@ def _vehicles(domain: VehicleDomain, subscribed: Mapping[str, Mapping[int, Any]]
                     domain.getLanePosition(vehicle),
                 )
             )
-    return rows
+    return rows, fronts
 
 
-def _persons(domain: PersonDomain, subscribed: Mapping[str, Mapping[int, Any]]) -> list[_Row]:
-    """The persons on foot."""
-    rows = []
+def _persons(
+    domain: PersonDomain, subscribed: Mapping[str, Mapping[int, Any]], spawned: Set[str]
+) -> tuple[list[_Row], tuple[str, ...]]:
+    """The persons on foot: others, and the ids of the `spawned` ones."""
+    rows: list[_Row] = []
+    found: list[str] = []
     for person in domain.getIDList():
         values = subscribed.get(person)
-        if values is not None:
+        if person in spawned:
+            if _is_place(domain.getPosition(person) if values is None else values[POSITION]):
+                found.append(person)
+        elif values is not None:
             if _is_place(values[POSITION]) and not values[RIDES_IN]:
                 rows.append(_subscribed_row(person, values, values[ROAD_ID]))
         elif _is_place(position := domain.getPosition(person)) and not domain.getVehicle(person):
@@ -191,7 +235,20 @@ def _persons(domain: PersonDomain, subscribed: Mapping[str, Mapping[int, Any]]) 
                     domain.getLanePosition(person),
                 )
             )
-    return rows
+    return rows, tuple(found)
+
+
+def _spawned(persons: tuple[str, ...], vehicles: Sequence[_Front]) -> SpawnedPlaces:
+    ids, fronts, lanes, lane_positions = zip(*vehicles, strict=True) if vehicles else ((),) * 4
+    front = np.array(fronts, np.float64).reshape(-1, 2)
+    return SpawnedPlaces(persons, ids, front[:, 0], front[:, 1], *_on_lanes(lanes, lane_positions))
+
+
+def _on_lanes(lanes: Sequence[str], positions: Sequence[float]) -> tuple[tuple[str, ...], Floats]:
+    """Lanes and positions (m) along them; '' and 0 for road users that SUMO has on no lane."""
+    along = _finite(positions)
+    on_lane = tuple(["" if p < INVALID else lane for lane, p in zip(lanes, positions, strict=True)])
+    return on_lane, np.where(along < INVALID, 0.0, np.maximum(along, 0.0))
 
 
 def _finite(values: Sequence[float]) -> Floats:

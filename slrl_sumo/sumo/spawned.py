@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, PEDESTRIAN, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.api import RoadUserDomain, SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import Lane, LanePoints, lane_index
@@ -84,7 +84,7 @@ class SpawnedControl:
 
         `ids`: n new ids; `kinds`: RoadUserType, (n,); `x`, `y`: centres in m, (n,).
         """
-        walking = kinds == RoadUserType.PEDESTRIAN
+        walking = kinds == PEDESTRIAN
         for road_user, point in zip(
             _pick(ids, walking), self._walks.nearest_point(x[walking], y[walking]), strict=True
         ):
@@ -108,7 +108,7 @@ class SpawnedControl:
         """Set the state of road users after the next SUMO step: centres (m), headings (rad), speeds (m/s), all (n,)."""
         front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
-        walking = kinds == RoadUserType.PEDESTRIAN
+        walking = kinds == PEDESTRIAN
         lanes_under = iter(self._walks.lanes_under(x[walking], y[walking]).tolist())
         forbidden = self._removing.near(x, y).tolist()
         vehicle, person = self._api.vehicle, self._api.person
@@ -221,7 +221,7 @@ def bare_moves(api: SumoApi, learned: WorldState) -> Callable[[], None]:
     x, y = front_from_centre(learned.x, learned.y, learned.heading, learned.length)
     rows = zip(learned.ids, x.tolist(), y.tolist(), heading_to_sumo(learned.heading).tolist(), strict=True)
     users = [row for row in rows if row[0] in present]
-    walking = {learned.ids[i] for i in np.flatnonzero(learned.type == RoadUserType.PEDESTRIAN)}
+    walking = {learned.ids[i] for i in np.flatnonzero(learned.type == PEDESTRIAN)}
     vehicles = [user for user in users if user[0] not in walking]
     persons = [user for user in users if user[0] in walking]
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.sumo.reader import Reader, Snapshot
+from slrl_sumo.sumo.reader import Reader, Snapshot, SpawnedPlaces
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -39,6 +39,12 @@ def subscribing() -> Reader:
     return Reader(SimpleNamespace(**{name: getattr(libsumo, name) for name in domains}))
 
 
+def equal(one: Snapshot | SpawnedPlaces, other: Snapshot | SpawnedPlaces) -> bool:
+    """Whether all columns of two readings are equal."""
+    names = [field.name for field in fields(one) if field.name != "spawned"]
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in names)
+
+
 def rows(snapshot: Snapshot) -> dict[str, int]:
     return {road_user: row for row, road_user in enumerate(snapshot.ids)}
 
@@ -61,7 +67,7 @@ def test_it_agrees_with_the_getters_of_libsumo(name: str) -> None:
             if step % 10:
                 continue
             snapshot, subscribed = session.reader.read(), subscriber.read()
-            assert all(np.array_equal(getattr(snapshot, f.name), getattr(subscribed, f.name)) for f in fields(Snapshot))
+            assert equal(snapshot, subscribed)
             vehicles, persons = libsumo.vehicle.getIDList(), libsumo.person.getIDList()
             assert snapshot.ids == (*vehicles, *persons)
             assert snapshot.person.tolist() == [False] * len(vehicles) + [True] * len(persons)
@@ -100,6 +106,27 @@ def test_positions_are_centres_of_boxes(mixed: Path) -> None:
         assert math.dist((snapshot.x[bus], snapshot.y[bus]), front) == pytest.approx(9.0)
         ahead = (np.cos(snapshot.heading[bus]), np.sin(snapshot.heading[bus]))
         assert (front[0] - snapshot.x[bus]) * ahead[0] + (front[1] - snapshot.y[bus]) * ahead[1] == pytest.approx(9.0)
+
+
+def test_of_spawned_road_users_only_the_places_are_read() -> None:
+    with SumoSession(find_scenario("district")) as session:
+        for _ in range(90):
+            session.step()
+        vehicles, persons = libsumo.vehicle.getIDList(), libsumo.person.getIDList()
+        everything, spawned = session.reader.read(), frozenset((*vehicles[::2], *persons[1:], "not.inserted"))
+        for reader in (session.reader, subscribing()):
+            snapshot = reader.read(spawned)
+            assert snapshot.ids == (*vehicles[1::2], persons[0])
+            kept = [rows(everything)[road_user] for road_user in snapshot.ids]
+            assert np.array_equal(snapshot.x, everything.x[kept])
+            places = snapshot.spawned
+            assert (places.vehicles, places.persons) == (vehicles[::2], persons[1:])
+            fronts = zip(places.front_x.tolist(), places.front_y.tolist(), strict=True)
+            assert list(fronts) == [libsumo.vehicle.getPosition(vehicle) for vehicle in places.vehicles]
+            on = [rows(everything)[vehicle] for vehicle in places.vehicles]
+            assert places.lane == tuple(everything.lane[row] for row in on)
+            assert np.array_equal(places.lane_position, everything.lane_position[on])
+            assert snapshot.present == everything.present == frozenset((*vehicles, *persons))
 
 
 def test_road_users_have_the_types_of_the_paper(mixed: Path) -> None:

@@ -14,7 +14,7 @@ from slrl_sumo.routing.lane_path import junction_of
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.nearest import PointIndex
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import is_walking_area
 from slrl_sumo.sumo.network.links import ShownLinks
@@ -112,7 +112,7 @@ class CrossingOccupants:
         """Find the pedestrians on crossings; `world`: all road users now."""
         self._found = {}
         self._links.renew()
-        walking = np.flatnonzero(world.type == RoadUserType.PEDESTRIAN)
+        walking = np.flatnonzero(world.type == PEDESTRIAN)
         if not len(self._points) or not len(walking):
             self._standing_since = {}
             return

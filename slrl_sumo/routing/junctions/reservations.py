@@ -126,10 +126,12 @@ class JunctionReservations:
             if theirs is not None and (theirs.history.entered, name) >= (track.history.entered, vehicle):
                 continue
             areas = self._shared(mine, other)
-            if areas and not self._in_way(track, size, theirs):
-                # The vehicle must leave an area that it is already in, whatever the order.
-                met = meets(mine, other, areas, until, priority=False, pauses=False)
-                waits = min(waits, min((enter for enter in met if enter > 0.0), default=math.inf))
+            if not areas:
+                continue
+            # The vehicle must leave an area that it is already in, whatever the order.
+            met = [enter for enter in meets(mine, other, areas, until, priority=False, pauses=False) if enter > 0.0]
+            if met and not self._in_way(track, size, theirs):
+                waits = min(waits, *met)
         self._hold(vehicle, junction, mine)
         # Where the vehicle can no longer stop, the collision scores of its modes decide.
         return waits if waits > track.speed * track.speed / (2.0 * HARD) else math.inf
@@ -149,11 +151,14 @@ class JunctionReservations:
         With `priority`, reservations of vehicles that must yield and can still stop do not count. A vehicle for which
         it is `too_late` to stop passes in any case; its reservation tells the other vehicles."""
         free = self._reserve(vehicle, track, entry, priority=priority, size=size, too_late=too_late)
-        if entry is next(line for line in track.path.entries if line.stop_line > track.s - STOPS_OVER):
-            if free and track.history.standing_time > 0.0:
+        waits = free and track.history.standing_time > 0.0
+        if (waits or vehicle in self._free_since) and entry is next(
+            line for line in track.path.entries if line.stop_line > track.s - STOPS_OVER
+        ):
+            if waits:
                 self._free_since.setdefault(vehicle, self._time)
             else:
-                self._free_since.pop(vehicle, None)
+                self._free_since.pop(vehicle)
         return free
 
     def is_free(self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size) -> bool:
@@ -240,10 +245,10 @@ class JunctionReservations:
 
         def met(name: str, other: Occupant) -> bool:
             areas = self._shared(mine, other)
-            if not areas or self._in_way(track, mine.size, self._learned(name)):
+            if not areas:
                 return False
             found = meets(mine, other, areas, mine.reserved_until, priority=priority, pauses=pauses)
-            return next(found, None) is not None
+            return next(found, None) is not None and not self._in_way(track, mine.size, self._learned(name))
 
         # A standing vehicle meets the same occupant again and again: look at that one first.
         junction, last = junction_of(mine.way.lanes[0]), self._met.get(vehicle, "")
@@ -311,6 +316,8 @@ class JunctionReservations:
         its begin and the other one follows.
         """
         way, size, their_way, their_size = mine.way, mine.size, other.way, other.size
+        if way.origin == their_way.origin:
+            return []  # see ConflictAreas.of_ways
         turns, they_turn = way.turns, their_way.turns
         if other.is_pedestrian:
             turns = they_turn = True

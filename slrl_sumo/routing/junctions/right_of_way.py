@@ -1,7 +1,6 @@
 """Signals and priority at the entries of junctions."""
 
 import math
-from collections.abc import Mapping
 from typing import Literal
 
 from slrl_sumo.routing.lane_graph import LaneGraph
@@ -22,6 +21,7 @@ _ASPECTS = {
     "r": SignalAspect.RED,
     "u": SignalAspect.RED,
 }
+_NO_SIGNAL = SignalAspect.NONE
 """https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html: junctions without a signal have other letters."""
 
 Rule = Literal["go", "look", "stop"]
@@ -36,7 +36,7 @@ class RightOfWay:
 
     def __init__(self, api: SumoApi, graph: LaneGraph) -> None:
         self._shown = ShownLinks(api)
-        self._links: dict[str, Mapping[tuple[str, str], Link]] = {}
+        self._links: dict[tuple[str, str, str], Link] = {}
         self._foes = FoeLanes(api, graph)
 
     def renew(self) -> None:
@@ -44,41 +44,39 @@ class RightOfWay:
         self._links.clear()
         self._shown.renew()
 
-    def rule(self, entry: JunctionEntry, distance: float, speed: float, deceleration: float) -> Rule:
-        """The rule at an entry, see `link_rule`."""
-        return link_rule(self._link(entry), distance, speed, deceleration)
+    def rule(self, entry: JunctionEntry, distance: float, speed: float, deceleration: float, *, halted: bool) -> Rule:
+        """The rule at an entry, see `link_rule`. Where vehicles must stop even without foes, it is "stop" until the
+        vehicle has `halted` before the line."""
+        link = self._link(entry.link)
+        if link.state in "ws" and not halted:
+            return "stop"
+        return link_rule(link, distance, speed, deceleration)
 
     def has_priority(self, lane: str, target: str, via: str) -> bool:
         """Whether vehicles from a lane to a target lane over the internal lane `via` may enter now without yielding."""
-        link = self._links_from(lane).get((target, via), ALWAYS_OPEN)
+        link = self._link((lane, target, via))
         return link.state not in "ruyY" and (link.has_priority or link.state in "GM")
 
     def is_green(self, lane: str, target: str, via: str) -> bool:
         """Whether no signal stops vehicles from a lane to a target lane over the internal lane `via` now."""
-        return self._links_from(lane).get((target, via), ALWAYS_OPEN).state not in "ruyY"
+        return self._link((lane, target, via)).state not in "ruyY"
 
     def goes_first(self, lane: str, entry: JunctionEntry) -> bool:
         """Whether vehicles of a lane have priority over vehicles at an entry, whatever the target lane of the
         former."""
         return lane in self._foes(entry)
 
-    def halts(self, entry: JunctionEntry) -> bool:
-        """Whether vehicles must stop before the line even without foes."""
-        return self._link(entry).state in "ws"
-
     def signal(self, entry: JunctionEntry) -> SignalAspect:
         """The signal at an entry."""
-        return _ASPECTS.get(self._link(entry).state, SignalAspect.NONE)
+        return _ASPECTS.get(self._link(entry.link).state, _NO_SIGNAL)
 
-    def _link(self, entry: JunctionEntry) -> Link:
-        return self._links_from(entry.lane).get((entry.target, entry.via), ALWAYS_OPEN)
-
-    def _links_from(self, lane: str) -> Mapping[tuple[str, str], Link]:
-        """The links from a lane, by target and via."""
-        links = self._links.get(lane)
-        if links is None:
-            links = self._links[lane] = self._shown(lane)
-        return links
+    def _link(self, key: tuple[str, str, str]) -> Link:
+        """The link from a lane to a target lane over an internal lane."""
+        link = self._links.get(key)
+        if link is None:
+            lane, target, via = key
+            link = self._links[key] = self._shown(lane).get((target, via), ALWAYS_OPEN)
+        return link
 
 
 class FoeLanes:

@@ -117,8 +117,7 @@ class PedestrianTracker:
 
     def remaining_distance(self, person: str) -> float:
         """Remaining walking distance (m) of a person on edges; inf without a track, and for spawned pedestrians."""
-        track = self._pedestrians.get(person)
-        if track is None or person.startswith(SPAWNED_PREFIX):
+        if person.startswith(SPAWNED_PREFIX) or (track := self._pedestrians.get(person)) is None:
             return math.inf
         return track.path.last_edge_end - track.s if track.path is not None else 0.0
 

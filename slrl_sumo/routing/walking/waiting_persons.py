@@ -12,7 +12,7 @@ import numpy as np
 
 from slrl_sumo.routing.walking.walking_area import back_from
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.refusals import Refusals
@@ -39,7 +39,7 @@ class WaitingPersons:
 
         This concerns persons after the first `n` road users that wait beside their walking area, or at its edge.
         """
-        waiting = n + np.flatnonzero((world.type[n:] == RoadUserType.PEDESTRIAN) & (world.speed[n:] < STANDING))
+        waiting = n + np.flatnonzero((world.type[n:] == PEDESTRIAN) & (world.speed[n:] < STANDING))
         known, self._known = self._known, {}
         moved: dict[int, _Place] = {}
         for row in waiting.tolist():

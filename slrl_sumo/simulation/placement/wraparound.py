@@ -9,7 +9,7 @@ from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats, to_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import PEDESTRIAN
 from slrl_sumo.simulation.placement.insertion import boxes_of, insertions, safe_speed
 from slrl_sumo.simulation.placement.spawn import starting_speed
 from slrl_sumo.sumo.network.lanes import LanePoints
@@ -70,11 +70,11 @@ def reinsert(
         for count in ENTRY_CANDIDATES:
             rows = source.nearest(np.array([wrapped_x]), np.array([wrapped_y]), count)[0]
             turn = np.abs(wrap_angle(source.heading[rows] - heading[row]))
-            if kind == RoadUserType.PEDESTRIAN:
+            if kind == PEDESTRIAN:
                 turn = np.minimum(turn, np.pi - turn)
             wish = np.minimum(speed[row], source.max_speed(rows))
             gap, slowest, fastest = insertions(source.x[rows], source.y[rows], source.heading[rows], crowd, row)
-            if kind != RoadUserType.PEDESTRIAN:
+            if kind != PEDESTRIAN:
                 fastest = np.minimum(fastest, safe_speed(source.rest_of_lane(rows)))
             free = (gap >= ENTRY_ROOM[kind]) & (source.offset[rows] >= ENTRANCE[kind])
             free &= slowest <= np.minimum(wish, fastest)
@@ -91,7 +91,7 @@ def reinsert(
         best = rows[order[0]]
         x[row], y[row] = source.x[best], source.y[best]
         direction = source.heading[best]
-        if kind == RoadUserType.PEDESTRIAN and abs(wrap_angle(direction - heading[row])) > 0.5 * np.pi:
+        if kind == PEDESTRIAN and abs(wrap_angle(direction - heading[row])) > 0.5 * np.pi:
             direction += np.pi
         heading[row] = wrap_angle(direction)
         speed[row] = min(wish[order[0]], fastest[order[0]])
@@ -122,7 +122,7 @@ def start_anew(
         place = int(np.where(slowest <= fastest, np.minimum(gap, ENTRY_ROOM[kind]), -np.inf).argmax())
         best = int(drawn[place])
         x[row], y[row] = source.x[best], source.y[best]
-        about = np.pi * int(rng.integers(0, 2)) if kind == RoadUserType.PEDESTRIAN else 0.0
+        about = np.pi * int(rng.integers(0, 2)) if kind == PEDESTRIAN else 0.0
         heading[row] = wrap_angle(source.heading[best] + about)
         usual = starting_speed(max_speed[kind], source.lanes[source.lane[best]].max_speed, rng.uniform())
         speed[row] = min(usual, float(fastest[place]))
