@@ -15,7 +15,7 @@ from slrl_sumo.routing.junctions.occupants import Size, braking_distance, size_o
 from slrl_sumo.routing.junctions.reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds
-from slrl_sumo.routing.lane_choice import LaneChoice
+from slrl_sumo.routing.lane_choice import CHANGING, LaneChoice
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
 from slrl_sumo.routing.lateral_positions import SharedPath, lateral_room, pass_persons
@@ -149,15 +149,26 @@ class Routes:
         # Handed back across its lane, such as after a turnaround, a vehicle would stand in the way of others.
         if is_near_end(left, track.speed) and _turned(track, heading, track.s + left) < ALIGNED:
             self._near_end.add(road_user)
-        across = track.history.idle_time > STUCK and _turned(track, heading, track.s - 0.5 * size.length) > ACROSS
-        # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane. A
-        # vehicle across its path, as where lanes meet at 145 degrees, and the next one can block each other for ever.
-        if left < 0.0 or across or self._has_left_lanes(road_user, track):
+        # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane.
+        if left < 0.0 or self._is_stuck(track, heading, size) or self._has_left_lanes(road_user, track):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
         track.path.line.draw(track.s - 0.5 * size.length - behind, spacing, route.x, route.y, i)
         return track
+
+    def _is_stuck(self, track: VehicleTrack, heading: float, size: Size) -> bool:
+        """Whether a vehicle has stood for STUCK s where it and others can block each other for ever.
+
+        That is across its path, as where lanes meet at 145 degrees, and at the end of its lane where it cannot move to
+        another one: inside a junction, or still beside the lane.
+        """
+        if track.history.idle_time <= STUCK:
+            return False
+        fixed = track.history.entry != "" or abs(track.lateral_offset) > CHANGING
+        if fixed and self._speed_limits.stop_at_lane_end(track) < STOP_LINE:
+            return True
+        return _turned(track, heading, track.s - 0.5 * size.length) > ACROSS
 
     def _has_left_lanes(self, road_user: str, track: VehicleTrack) -> bool:
         """Whether SUMO has a vehicle of the scenario on no lane, and it is far beside its path or where the path does

@@ -451,6 +451,23 @@ def test_a_vehicle_that_stands_across_its_path_is_off_its_route(
         assert routes.off_route(("car",)).tolist() == [off]
 
 
+@pytest.mark.parametrize(("aside", "time", "off"), [(1.5, 12.0, True), (1.5, 8.0, False), (0.3, 12.0, False)])
+def test_a_vehicle_that_stands_beside_its_lane_at_its_end_is_off_its_route(
+    signalised: SumoSession, aside: float, time: float, off: bool
+) -> None:
+    """It cannot move aside any more: on the ring around the Arc de Triomphe, cars stood there for ever."""
+    _signals("G")
+    _car(signalised, "car", ("in0", "out3"), 2, LANE_END + 0.5, 4.0)
+    signalised.step()
+    world, routes = _seen(signalised, "car"), Routes(libsumo, signalised.network)
+    heading, x, y = world.heading[0], world.x.copy(), world.y.copy()
+    x[0], y[0] = x[0] - aside * math.sin(heading), y[0] + aside * math.cos(heading)
+    world = replace(world, x=x, y=y, speed=np.zeros(len(world)))
+    for now in np.arange(0.0, time, DECISION_INTERVAL):
+        routes.ahead(replace(world, time=world.time + now), 1)
+    assert routes.off_route(("car",)).tolist() == [off]
+
+
 def test_a_vehicle_beside_its_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
     _car(intersection, "car", ("in0", "out3"), 2, 40.0, 8.0)
     straight, aslant = (Routes(libsumo, intersection.network) for _ in range(2))

@@ -14,7 +14,7 @@ from slrl_sumo.routing.junctions.occupants import SIDE_GAP, UNUSED, Occupant, Si
 from slrl_sumo.routing.junctions.reservations import JunctionReservations
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.routing.vehicle_track import VehicleTrack
+from slrl_sumo.routing.vehicle_track import JunctionBehind, VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -393,3 +393,22 @@ def test_two_that_have_stood_for_long_pass_each_other_with_less_room(graph: Lane
     stands, waited = (with_history(one, idle_time=UNUSED + 1.0) for one in (goes_on, waiting))
     assert not may(reserved(graph, waiting=waiting, other=stands), "waiting", waiting)
     assert may(reserved(graph, waiting=waited, other=stands), "waiting", waited)
+
+
+def test_the_rear_of_a_vehicle_keeps_its_place_in_the_junction_that_its_front_has_left(graph: LaneGraph) -> None:
+    """The path of a vehicle begins anew on each edge; others passed its rear at 15 m/s."""
+    before = track(graph, "in0", "out2", 0.0, 0.0).path
+    entry, here = before.entries[0], before.lanes.index(before.entries[0].target)
+    follows = graph.path(entry.target, (), "passenger", [before.line.at(before.ends[here - 1] - 7.0)[:2]])
+    begin, _ = follows.line.nearest(*graph.lanes[entry.target].points[0])
+    one, cross = make_track(follows, begin + 0.5, 0.0, ()), track(graph, "in1", "out3", 1.0, 8.0)
+    inside = before.lanes[1:here]
+    starts = tuple(start + begin - before.ends[here - 1] for start in before.begins[1:here])
+    for behind, s, free in (
+        (None, 0.5, True),
+        (JunctionBehind(inside, starts, begin), 0.5, False),
+        (JunctionBehind(inside, starts, begin), 5.0, True),
+    ):
+        reservations = reserved(graph)
+        reservations.occupy("one", replace(one, behind=behind, s=begin + s), Size(8.0, 1.8))
+        assert may(reservations, "cross", cross) is free
