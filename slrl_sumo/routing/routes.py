@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.routing.junctions.lines_inside import stops_inside
 from slrl_sumo.routing.junctions.occupants import Size, braking_distance, size_of
-from slrl_sumo.routing.junctions.reservations import JunctionReservations, stops_inside
+from slrl_sumo.routing.junctions.reservations import JunctionReservations
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds
 from slrl_sumo.routing.lane_choice import CHANGING, LaneChoice

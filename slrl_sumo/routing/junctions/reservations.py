@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
 from slrl_sumo.routing.junctions.crossing_occupants import CrossingOccupants
+from slrl_sumo.routing.junctions.lines_inside import next_line, stops_inside
 from slrl_sumo.routing.junctions.meeting import SharedDistances, meets, stand_off
 from slrl_sumo.routing.junctions.occupants import (
     UNUSED,
@@ -94,7 +95,7 @@ class JunctionReservations:
         lanes, ahead = lanes_through(track, track.s - size.length) if track.history.entry else ((), ())
         if not lanes:
             return math.inf
-        line, until = _next_line(track)
+        line, until = next_line(track)
         idle, closed = (
             track.history.idle_time > UNUSED,
             line is not None and self._right_of_way.signal(line) == SignalAspect.RED,
@@ -339,24 +340,3 @@ class JunctionReservations:
             if not (together and (passed > 0.0 or they_passed > 0.0)):
                 shared.append((ahead + begin, leave, their_ahead + their_begin, their_leave))
         return shared
-
-
-def stops_inside(track: VehicleTrack, entry: JunctionEntry) -> tuple[float, float]:
-    """Distances (m) from the front of a vehicle to the next waiting position after an entry, and to the exit.
-
-    Without a waiting position, both are the distance to the exit.
-    """
-    return min(entry.waits - STOP_LINE, entry.exit) - track.s, entry.exit - track.s
-
-
-def _next_line(track: VehicleTrack) -> tuple[JunctionEntry | None, float]:
-    """The next waiting position in the vehicle's junction, and the distance (m) from its front to that position.
-
-    Without a waiting position: None, and the distance to the exit.
-    """
-    entries = track.path.entries
-    here = next(k for k, entry in enumerate(entries) if entry.via == track.history.entry)
-    for entry in entries[here + 1 :]:
-        if entry.stop_line < entries[here].exit:
-            return entry, entry.stop_line - STOP_LINE - track.s
-    return None, entries[here].exit - track.s
