@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
 
-from slrl_sumo.routing.polyline import Polyline, line_through
+from slrl_sumo.routing.polyline import Polyline, direction_between, line_through
 from slrl_sumo.routing.short_lanes import curve_over
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
 
@@ -57,7 +57,7 @@ def _eased(
     shape = lane.points
     if len(points) < 2 or len(shape) < 2:
         return shape
-    here = _direction(points[-2], points[-1])
+    here = direction_between(points[-2], points[-1])
     if not lane.internal:
         aside = _beside(points[-1], here, lane, network)
         if not aside:
@@ -89,7 +89,7 @@ def _beside(place: tuple[float, float], direction: float, lane: Lane, network: M
     dx, dy = place[0] - begin[0], place[1] - begin[1]
     if not BESIDE <= math.hypot(dx, dy) <= WIDEST:
         return 0.0
-    along = _direction(begin, then)
+    along = direction_between(begin, then)
     left = dy * math.cos(along) - dx * math.sin(along)
     if abs(math.remainder(along - direction, math.tau)) >= PARALLEL or abs(left) < BESIDE:
         return 0.0
@@ -115,10 +115,6 @@ def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mappin
 def _away(lane: Lane | None, place: tuple[float, float]) -> float:
     """Distance (m) from the begin of a lane to a place."""
     return math.inf if lane is None else math.dist(lane.points[0], place)
-
-
-def _direction(begin: tuple[float, float], end: tuple[float, float]) -> float:
-    return math.atan2(end[1] - begin[1], end[0] - begin[0])
 
 
 def _beyond(points: list[tuple[float, float]]) -> tuple[float, float]:

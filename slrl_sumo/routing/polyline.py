@@ -65,6 +65,11 @@ class Polyline:
         return [self.at(begin)[:2], *inner, self.at(end)[:2]]
 
 
+def direction_between(begin: tuple[float, float], end: tuple[float, float]) -> float:
+    """Direction (rad) from one point (m) to another one."""
+    return math.atan2(end[1] - begin[1], end[0] - begin[0])
+
+
 def line_through(points: Iterable[tuple[float, float]]) -> tuple[Polyline, list[float]]:
     """A line, and the position (m along the line) of each of the given points. Points closer than 5 cm become one.
 

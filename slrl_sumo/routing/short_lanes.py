@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from slrl_sumo.routing.polyline import Polyline, line_through
+from slrl_sumo.routing.polyline import Polyline, direction_between, line_through
 from slrl_sumo.sumo.network.lanes import Lane
 
 SHORT = 4.0
@@ -77,8 +77,7 @@ def is_short(lane: Lane) -> bool:
 def zigzag(points: Iterable[Point]) -> float:
     """Turning (rad) of a line to both sides beyond its change of direction; points closer than 5 cm count as one."""
     line, _ = line_through(points)
-    steps = list(zip(line.x, line.y, strict=True))
-    directions = [math.atan2(y1 - y0, x1 - x0) for (x0, y0), (x1, y1) in pairwise(steps)]
+    directions = [direction_between(*ends) for ends in pairwise(zip(line.x, line.y, strict=True))]
     turns = [math.remainder(b - a, math.tau) for a, b in pairwise(directions)]
     return sum(map(abs, turns)) - abs(sum(turns))
 
@@ -87,7 +86,7 @@ def _curve(previous: Point, begin: Point, line: Polyline, place: float) -> list[
     """Points of a cubic Bezier curve from `begin`, reached from `previous`, to a `place` (m) on a line."""
     x, y, direction = line.at(place)
     reach = CONTROL * math.dist(begin, (x, y))
-    ahead = math.atan2(begin[1] - previous[1], begin[0] - previous[0])
+    ahead = direction_between(previous, begin)
     controls = (
         begin,
         (begin[0] + reach * math.cos(ahead), begin[1] + reach * math.sin(ahead)),

@@ -125,9 +125,10 @@ class VehicleTracker:
         else:
             vehicle_class = parameters.vehicle_class
             route, index = vehicle_route(self._api, road_user)
-            near = route[max(index - 1, 0) : max(index, 0) + 2]
+            index = max(index, 0)
+            near = route[max(index - 1, 0) : index + 2]
             lane = vehicle_lane(self._api, road_user) or self._lane_under(front, heading, vehicle_class, near)
-            edges = self._edges_after(lane, route, max(index, 0))
+            edges = self._edges_after(lane, route, index)
         path, here = self._path_on(lane, edges, vehicle_class, length, seed_of(road_user))
         begin = path.ends[here - 1] if here else -math.inf
         s, lateral_offset = path.line.nearest(*front, begin, path.ends[here])

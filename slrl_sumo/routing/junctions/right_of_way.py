@@ -21,8 +21,9 @@ _ASPECTS = {
     "r": SignalAspect.RED,
     "u": SignalAspect.RED,
 }
-_NO_SIGNAL = SignalAspect.NONE
 """https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html: junctions without a signal have other letters."""
+_NO_SIGNAL = SignalAspect.NONE
+"""Aspect of these other letters."""
 
 Rule = Literal["go", "look", "stop"]
 """Rule at an entry: go on, approach slowly and look for foes, or stop at the line."""
