@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from slrl_sumo.routing.junctions.bent_lane import bent_lane
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, LanePath, junction_of
 from slrl_sumo.routing.lane_proximity import SPACING, clear_of, sampled
 from slrl_sumo.routing.path_line import path_line
@@ -34,6 +35,8 @@ BACK = 15.0
 REACH = 250.0
 """Length (m) of a path beyond its first lane, if the route is that long: at 40 m/s a vehicle sees 230 m
 (scene.route)."""
+ROOM = 15.0
+"""Length (m) of an edge below which a lane change has no room: 2.1 s at 7 m/s."""
 SHARPEST = 2.2
 """Angle (rad, 126 degrees) of turns, such as U-turns, from which vehicles without a destination take only if no other
 turn exists."""
@@ -55,8 +58,6 @@ class LaneGraph:
         self.round = 0
         """Number of times that reading the permissions again was allowed."""
         self._state, self._looked_at, self._renewed = LaneState(api), set[str](), 0
-        self.limit = self._state.limit
-        """Speed limit of a lane now, m/s."""
         self._changed: dict[str, Lane] = {}
         """Lanes with changed permissions, in their original state."""
         self._of_edge: dict[str, list[str]] = {}
@@ -69,6 +70,9 @@ class LaneGraph:
         self._admitted: dict[tuple[str, str], list[tuple[str, str]]] = {}
         self._origins: dict[str, str] = {}
         self._waiting: dict[str, float] = {}
+        self._bent: dict[tuple[str, str], str] = {}
+        self._drawn_as: dict[str, str] = {}
+        """The internal lane of SUMO's network from which each bent lane was made."""
         self._changes = RouteLaneChanges(self.lanes, self._of_edge, self.links)
         self._paths: OrderedDict[tuple[str, tuple[str, ...], str, tuple[tuple[float, float], ...]], LanePath]
         self._paths = OrderedDict()
@@ -80,6 +84,14 @@ class LaneGraph:
         if self._renewed % LOOKS == 0:
             self._looked_at.clear()
             self.round += 1
+
+    def limit(self, lane: str) -> float:
+        """Speed limit of a lane now, m/s."""
+        return self._state.limit(self.in_network(lane))
+
+    def in_network(self, lane: str) -> str:
+        """The lane of SUMO's network for a lane of a path, which may be bent (see `junctions.bent_lane`)."""
+        return self._drawn_as.get(lane, lane)
 
     def look_at(self, edge: str) -> None:
         """Read the present permissions of the lanes of an edge."""
@@ -169,6 +181,8 @@ class LaneGraph:
             target, via = link
             if via:
                 entries.append((len(chain) - 1, here, via, target))
+            if not via and remaining and self.lanes[here].internal:
+                chain[-1], target = self._without_change(here, target, remaining, vehicle_class)
             chain.append(via or target)
             length += self.lanes[chain[-1]].length
             if not via and remaining and self.lanes[target].edge == remaining[0]:
@@ -179,6 +193,29 @@ class LaneGraph:
             return path
         route = (self.lanes[lane].edge, *edges)
         return replace(path, route=route, next_lane=self.lane_to_change_to(lane, vehicle_class, route))
+
+    def _without_change(self, via: str, target: str, route: tuple[str, ...], vehicle_class: str) -> tuple[str, str]:
+        """The internal lane `via` and the lane `target` after it, or a bent one and the lane that the `route` needs.
+
+        The latter if `target` does not continue along the route, which begins with its edge, and the edge has no room
+        for the lane changes.
+        """
+        changes = self._changes(route, vehicle_class)
+        if target in changes.after:
+            return via, target
+        needed = target
+        while (nearer := changes.towards(needed)) is not None:
+            needed = nearer
+        many = abs(lane_index(needed) - lane_index(target))
+        if not many or self.lanes[target].length >= many * ROOM:
+            return via, target
+        bent = self._bent.get((via, needed))
+        if bent is None:
+            lane = bent_lane(self.lanes[via], self.lanes[needed])
+            bent = self._bent[via, needed] = "" if lane is None else lane.id
+            if lane is not None:
+                self.lanes[bent], self._drawn_as[bent], self._origins[bent] = lane, via, self.origin(via)
+        return (bent, needed) if bent else (via, target)
 
     def origin(self, lane: str) -> str:
         """The lane outside the junction that leads to an internal lane; for any other lane, the lane itself."""

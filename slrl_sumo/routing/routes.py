@@ -21,7 +21,7 @@ from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
 from slrl_sumo.routing.lateral_positions import SharedPath, lateral_room, pass_persons
 from slrl_sumo.routing.speed_limits import REACTION_TIME, SpeedLimits, looking_speed
-from slrl_sumo.routing.vehicle_track import VehicleTrack
+from slrl_sumo.routing.vehicle_track import HALTS_BEFORE, VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.routing.walking.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
@@ -167,7 +167,7 @@ class Routes:
         if track.history.idle_time <= STUCK:
             return False
         fixed = track.history.entry != "" or abs(track.lateral_offset) > CHANGING
-        if fixed and self._speed_limits.stop_at_lane_end(track) < STOP_LINE:
+        if fixed and self._speed_limits.stop_at_lane_end(track) < HALTS_BEFORE:
             return True
         return _turned(track, heading, track.s - 0.5 * size.length) > ACROSS
 

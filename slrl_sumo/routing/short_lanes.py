@@ -6,7 +6,7 @@ are points there, nor the models of this package can turn so sharply.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -18,6 +18,9 @@ SHORT = 4.0
 ZIGZAG = 1.2
 """Turning (rad) to both sides beyond the change of direction from which a curve replaces lanes: a change of lane within
 3 m has 1.6 rad. In `ingolstadt21` of RESCO 32 of 1,569 connections are such."""
+WITHIN, TIGHT = 3.0, 1.0
+"""Distance (m) and change of direction (rad) within it beyond which a turn is too tight, as of a radius below 3 m. The
+zigzag of a mini-roundabout, which has a radius of 6 m, is kept."""
 STEP = 1.0
 """Spacing (m) of places on the next lane that a curve may join."""
 FARTHEST = 10.0
@@ -45,28 +48,37 @@ class Curve(NamedTuple):
 
 
 def curve_over(lanes: Sequence[Lane], first: int) -> Curve | None:
-    """The curve that replaces the `lanes` from the index `first` on up to the next lane that is not short.
+    """The curve that replaces the `lanes` from the index `first` on, over one short lane or several in a row.
 
-    None if these do not contain a short lane or make no zigzag, and for the begin and the end of a path.
+    None if there is no tight zigzag over the first short lane, and for the begin and the end of a path.
     """
-    after = next((k for k in range(first, len(lanes)) if not (lanes[k].internal or is_short(lanes[k]))), len(lanes))
-    replaced = lanes[first:after]
-    if first == 0 or after == len(lanes) or lanes[first - 1].internal or all(lane.internal for lane in replaced):
+    if first == 0 or lanes[first - 1].internal or not lanes[first].internal:
         return None
-    before, target = lanes[first - 1].points, lanes[after].points
-    drawn = [*before[-2:], *(point for lane in replaced for point in lane.points), *target[:2]]
-    if zigzag(drawn) < ZIGZAG:
-        return None
-    line, _ = line_through(target)
-    best, least = None, math.inf
-    for k in range(1 + int(min(FARTHEST, 0.5 * line.end) / STEP)):
-        points = _curve(before[-2], before[-1], line, k * STEP)
-        turning = zigzag([*before[-2:], *points, line.at(k * STEP + 0.5 * STEP)[:2]])
-        if turning < least:
-            best, least = Curve(points, after, line.between(k * STEP, line.end)), turning
-        if turning < SMOOTH:
-            break
+    before, best, least = lanes[first - 1].points, None, math.inf
+    for after in _lanes_after(lanes, first):
+        target = lanes[after].points
+        drawn = [*before[-2:], *(point for lane in lanes[first:after] for point in lane.points), *target[:2]]
+        if best is None and (zigzag(drawn) < ZIGZAG or tightest(drawn) < TIGHT):
+            return None
+        line, _ = line_through(target)
+        for k in range(1 + int(min(FARTHEST, 0.5 * line.end) / STEP)):
+            points = _curve(before[-2], before[-1], line, k * STEP)
+            turning = zigzag([*before[-2:], *points, line.at(k * STEP + 0.5 * STEP)[:2]])
+            if turning < least:
+                best, least = Curve(points, after, line.between(k * STEP, line.end)), turning
+            if turning < SMOOTH:
+                return best
     return best
+
+
+def _lanes_after(lanes: Sequence[Lane], first: int) -> Iterator[int]:
+    """Indices of the lanes between junctions that follow the first short lane from the index `first` on, up to the
+    first one that is not short."""
+    between = [k for k in range(first, len(lanes)) if not lanes[k].internal]
+    for here, following in pairwise(between):
+        if not is_short(lanes[here]):
+            return
+        yield following
 
 
 def is_short(lane: Lane) -> bool:
@@ -80,6 +92,16 @@ def zigzag(points: Iterable[Point]) -> float:
     directions = [direction_between(*ends) for ends in pairwise(zip(line.x, line.y, strict=True))]
     turns = [math.remainder(b - a, math.tau) for a, b in pairwise(directions)]
     return sum(map(abs, turns)) - abs(sum(turns))
+
+
+def tightest(points: Iterable[Point]) -> float:
+    """Greatest change of direction (rad) of a line WITHIN a distance."""
+    line, _ = line_through(points)
+    places = [0.25 * WITHIN * k for k in range(1 + int(line.end / (0.25 * WITHIN)))]
+    directions = [line.at(s)[2] for s in places]
+    return max(
+        (abs(math.remainder(b - a, math.tau)) for a, b in zip(directions, directions[4:], strict=False)), default=0.0
+    )
 
 
 def _curve(previous: Point, begin: Point, line: Polyline, place: float) -> list[Point]:

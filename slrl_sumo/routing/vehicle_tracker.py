@@ -174,9 +174,10 @@ class VehicleTracker:
         """
         for first in dict.fromkeys((self._graph.origin(lane), lane)):
             path = self._graph.path(first, edges, vehicle_class, point_before(self._graph, first, length), seed)
-            if lane in path.lanes:
+            lanes = [self._graph.in_network(one) for one in path.lanes]
+            if lane in lanes:
                 break
-        return path, path.lanes.index(lane)
+        return path, lanes.index(lane)
 
     def _update_max_speed(self, road_user: str, track: VehicleTrack, lane: str) -> None:
         """Lower the maximum speed of a track to the vehicle's desiredMaxSpeed, which shows only on faster lanes."""

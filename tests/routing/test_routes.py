@@ -451,13 +451,17 @@ def test_a_vehicle_that_stands_across_its_path_is_off_its_route(
         assert routes.off_route(("car",)).tolist() == [off]
 
 
-@pytest.mark.parametrize(("aside", "time", "off"), [(1.5, 12.0, True), (1.5, 8.0, False), (0.3, 12.0, False)])
+@pytest.mark.parametrize(
+    ("left", "aside", "time", "off"),
+    [(0.5, 1.5, 12.0, True), (1.7, 1.5, 12.0, True), (0.5, 1.5, 8.0, False), (0.5, 0.3, 12.0, False)],
+)
 def test_a_vehicle_that_stands_beside_its_lane_at_its_end_is_off_its_route(
-    signalised: SumoSession, aside: float, time: float, off: bool
+    signalised: SumoSession, left: float, aside: float, time: float, off: bool
 ) -> None:
-    """It cannot move aside any more: on the ring around the Arc de Triomphe, cars stood there for ever."""
+    """It cannot move aside any more: on the ring around the Arc de Triomphe, cars stood there for ever, and in Rennes
+    1.7 m before the place where they wait."""
     _signals("G")
-    _car(signalised, "car", ("in0", "out3"), 2, LANE_END + 0.5, 4.0)
+    _car(signalised, "car", ("in0", "out3"), 2, LANE_END + left, 4.0)
     signalised.step()
     world, routes = _seen(signalised, "car"), Routes(libsumo, signalised.network)
     heading, x, y = world.heading[0], world.x.copy(), world.y.copy()

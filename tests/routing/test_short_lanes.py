@@ -56,6 +56,20 @@ def test_lanes_that_a_vehicle_can_follow_are_kept() -> None:
     assert curve_over([IN, ACROSS, BACK, OUT], 1) is None
 
 
+def test_a_mini_roundabout_is_kept() -> None:
+    """Of Brussels (junctions 4992104350 and 4945754181): the curve led over its island."""
+    lanes = [
+        lane("in_0", (20.0, 14.4), (6.8, 7.6)),
+        lane(":a_0_0", (6.8, 7.6), (5.0, 6.2), (3.5, 5.3), (2.2, 4.8), (1.2, 4.7)),
+        lane("short_0", (1.2, 4.7), (1.0, 4.7)),
+        lane(":b_1_0", (1.0, 4.7), (-0.6, 4.7), (-2.3, 4.2), (-3.8, 3.3), (-5.3, 1.9)),
+        lane("ring_0", (-5.3, 1.9), (-6.2, 1.0)),
+        lane(":c_0_0", (-6.2, 1.0), (-7.0, -0.5), (-7.2, -2.0), (-7.0, -4.0), (-7.5, -6.0)),
+        lane("out_0", (-7.5, -6.0), (-12.0, -18.0)),
+    ]
+    assert all(curve_over(lanes, k) is None for k in range(len(lanes)))
+
+
 def test_a_path_may_begin_or_end_on_a_short_lane() -> None:
     assert curve_over([SHORT_LANE, BACK, OUT], 0) is None
     assert curve_over([IN, ACROSS, SHORT_LANE], 1) is None
