@@ -252,7 +252,7 @@ class Watch:
 
 def spawn(cosimulation: CoSimulation, session: SumoSession, agents: int, seed: int) -> int:
     """Add as many road users as fit, up to `agents`; how many that are."""
-    max_speed = load_bundle("intersection").max_speed
+    max_speed = load_bundle("intersection", training=False).max_speed
     while True:
         counts, _ = type_counts(agents, None, starting_points(session.network), session.scenario.name)
         try:
@@ -267,9 +267,6 @@ def spawn(cosimulation: CoSimulation, session: SumoSession, agents: int, seed: i
 
 def one(options: argparse.Namespace) -> dict[str, Any]:
     """One run, here in this process."""
-    import torch
-
-    torch.set_num_threads(1)
     scenario = with_options(scenario_or_game(options.scenario), SUBLANE if options.sublane else [])
     motion = options.motion
     taking = motion.startswith("takeover")
@@ -280,7 +277,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         if motion.endswith("random"):
             driver = RandomDriver(options.seed, 0.0 if taking else JUMP)
         else:
-            bundle = load_bundle("intersection")
+            bundle = load_bundle("intersection", training=False)
             driver = make_driver("lane" if taking else motion, bundle, session.api, session.network, options.seed)
         rule = Takeover(np.ones(3), Region("everywhere"), options.seed) if taking else None
         cosimulation = CoSimulation(session, driver, takeover=rule, traced=fcd is not None)

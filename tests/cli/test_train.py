@@ -105,3 +105,4 @@ def test_wrong_words_get_one_line(cli: Cli, tmp_path: Path, words: list[str], me
     assert message in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "b").exists()
+    assert not (tmp_path / "b-training" / "networks").exists()

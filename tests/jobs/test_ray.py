@@ -116,10 +116,10 @@ def cluster() -> Iterator[Cluster]:
 
 
 @pytest.fixture(scope="module")
-def tables(cli_process: Cli, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tables(cli: Cli, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """EVALUATE by one local worker: the folder with its tables."""
     out = tmp_path_factory.mktemp("local") / "out"
-    done = cli_process(*EVALUATE.split(), "--workers", 1, "--out", out)
+    done = cli(*EVALUATE.split(), "--workers", 1, "--out", out)
     assert done.returncode == 0, done.stderr
     return out
 
@@ -170,11 +170,11 @@ def test_a_ray_of_our_own_gives_the_same_and_resumes_what_was_begun_without(
 
 
 @pytest.mark.slow
-def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli_process: Cli, tmp_path: Path) -> None:
+def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(SMALL)
     train = ["train", "intersection", "--bundle", "intersection", "--config", "small.toml", "--episodes", "0"]
     train += ["--steps", str(8 * 8 * 24), "--workers", "2"]
-    done = cli_process(*train, "--out", "here", cwd=tmp_path)
+    done = cli(*train, "--out", "here", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     node = cluster.join()
     driver = subprocess.Popen(
@@ -210,16 +210,22 @@ def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli_proce
 
 
 @pytest.mark.slow
-def test_a_comparison_and_recordings_on_ray_are_those_made_here(cli_process: Cli, tmp_path: Path) -> None:
+def test_a_comparison_and_recordings_on_ray_are_those_made_here(
+    cluster: Cluster, cli: Cli, cli_process: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the node that is there: a Ray of each command's own takes 10 s more, and has the test above."""
+    for name, value in cluster.environment.items():
+        monkeypatch.setenv(name, value)
     compare = ["compare", "signalised", "--bundle", "intersection", "--seconds", "20", "--seeds", "1"]
     record = ["record", "intersection", "--seconds", "20", "--seeds", "2"]
-    for name, where in (("here", []), ("there", ["--ray", "--workers", "2"])):
-        for command in (compare, record):
-            done = cli_process(*command, *where, "--out", tmp_path / f"{command[0]}-{name}")
+    for command in (compare, record):
+        here = cli(*command, "--out", tmp_path / f"{command[0]}-here")
+        there = cli_process(*command, "--ray", cluster.address, "--out", tmp_path / f"{command[0]}-there")
+        for done in (here, there):
             assert (done.returncode, done.stderr) == (0, "")
     for file in ("compare-{}/results.json", "compare-{}/runs.jsonl", "record-{}/seed-1.npz", "record-{}/seed-2.npz"):
-        here, there = ((tmp_path / file.format(name)).read_bytes() for name in ("here", "there"))
-        assert sorted(here.splitlines()) == sorted(there.splitlines())
+        one, other = ((tmp_path / file.format(name)).read_bytes() for name in ("here", "there"))
+        assert sorted(one.splitlines()) == sorted(other.splitlines())
 
 
 @pytest.mark.slow

@@ -103,9 +103,10 @@ def test_the_folder_of_a_failure_is_kept_with_the_command(tmp_path: Path, monkey
 
 @pytest.mark.slow
 def test_a_small_campaign_is_continued(tmp_path: Path) -> None:
+    """Seed 9 draws doctor and two runs in generated networks: half the work of seed 2, which compares, too."""
     file = tmp_path / "campaign.json"
     for runs in (1, 2):
-        words = ["--runs", str(runs), "--agent-steps", "1", "--seed", "2", "--json", str(file), "--keep", str(tmp_path)]
+        words = ["--runs", str(runs), "--agent-steps", "1", "--seed", "9", "--json", str(file), "--keep", str(tmp_path)]
         command = [sys.executable, "-m", "tools.campaign", *words]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300)
         assert done.returncode == 0, done.stdout + done.stderr

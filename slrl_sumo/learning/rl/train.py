@@ -94,7 +94,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     folder must not contain a checkpoint. Raises InputError, also if figures or weights are no longer finite, and
     SumoError if a worker fails repeatedly.
     """
-    bundle = load_bundle(request.bundle)
+    bundle, device = load_bundle(request.bundle), _device(request.device)
     if request.goes_on:
         settings = going_on(settings, bundle)
     folder = request.folder
@@ -106,7 +106,6 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         imitated = read_record(folder / "imitation.json")
     rows = [] if state is None else read_rows(folder, state["iteration"])
     scenarios = _scenarios(request.scenarios, settings, folder / "networks")
-    device = _device(request.device)
     torch.set_num_threads(request.threads or min(request.workers, os.cpu_count() or 1))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(request.seed)
