@@ -15,12 +15,9 @@ from slrl_sumo.sumo.network.lanes import Lane
 
 SHORT = 4.0
 """Length (m) below which a lane between two junctions is short: less than a car."""
-ZIGZAG = 1.2
-"""Turning (rad) to both sides beyond the change of direction from which a curve replaces lanes: a change of lane within
-3 m has 1.6 rad. In `ingolstadt21` of RESCO 32 of 1,569 connections are such."""
-WITHIN, TIGHT = 3.0, 1.0
-"""Distance (m) and change of direction (rad) within it beyond which a turn is too tight, as of a radius below 3 m. The
-zigzag of a mini-roundabout, which has a radius of 6 m, is kept."""
+ZIGZAG, WITHIN = 1.2, 6.0
+"""Turning (rad) to both sides beyond the change of direction, and distance (m) within it, from which a curve replaces
+lanes: a change of lane within 3 m has 1.6 rad. A mini-roundabout has 0.7 rad within 6 m."""
 STEP = 1.0
 """Spacing (m) of places on the next lane that a curve may join."""
 FARTHEST = 10.0
@@ -58,7 +55,7 @@ def curve_over(lanes: Sequence[Lane], first: int) -> Curve | None:
     for after in _lanes_after(lanes, first):
         target = lanes[after].points
         drawn = [*before[-2:], *(point for lane in lanes[first:after] for point in lane.points), *target[:2]]
-        if best is None and (zigzag(drawn) < ZIGZAG or tightest(drawn) < TIGHT):
+        if best is None and tightest_zigzag(drawn) < ZIGZAG:
             return None
         line, _ = line_through(target)
         for k in range(1 + int(min(FARTHEST, 0.5 * line.end) / STEP)):
@@ -94,14 +91,11 @@ def zigzag(points: Iterable[Point]) -> float:
     return sum(map(abs, turns)) - abs(sum(turns))
 
 
-def tightest(points: Iterable[Point]) -> float:
-    """Greatest change of direction (rad) of a line WITHIN a distance."""
+def tightest_zigzag(points: Iterable[Point]) -> float:
+    """The greatest `zigzag` (rad) of a part of a line that is WITHIN long."""
     line, _ = line_through(points)
-    places = [0.25 * WITHIN * k for k in range(1 + int(line.end / (0.25 * WITHIN)))]
-    directions = [line.at(s)[2] for s in places]
-    return max(
-        (abs(math.remainder(b - a, math.tau)) for a, b in zip(directions, directions[4:], strict=False)), default=0.0
-    )
+    begins = range(1 + max(math.ceil(line.end - WITHIN), 0))
+    return max(zigzag(line.between(begin, min(begin + WITHIN, line.end))) for begin in begins)
 
 
 def _curve(previous: Point, begin: Point, line: Polyline, place: float) -> list[Point]:
