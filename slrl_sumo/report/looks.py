@@ -10,7 +10,7 @@ from slrl_sumo.ground.surfaces import Surface
 
 @dataclass(frozen=True)
 class Look:
-    """One set of colours."""
+    """One set of colours; all else is the same in all looks, so figures have the same layout."""
 
     suffix: str
     """Of the names of files."""

@@ -22,7 +22,7 @@ def draw_motion(ours: Kinematics, theirs: Kinematics, name: str, look: Look) -> 
             axes, edges = grid[row, column], EDGES[quantity][kind]
             mine, others = ours[quantity][kind], theirs[quantity][kind]
             shares = [100.0 * histogram(values, edges) for values in (mine, others)]
-            axes.bar(0.5 * (edges[1:] + edges[:-1]), shares[0], np.diff(edges), color=look.types[kind], alpha=0.75)
+            axes.stairs(shares[0], edges, fill=True, color=look.types[kind], alpha=0.75)
             title = f"{TYPE_NAMES[kind]}: n = {len(mine)}"
             if len(others):
                 axes.stairs(shares[1], edges, color=look.ink, lw=1.2)

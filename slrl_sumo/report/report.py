@@ -19,6 +19,7 @@ from slrl_sumo.report.map_figures import draw_density, draw_paths, draw_space_ti
 from slrl_sumo.report.mode_figures import draw_modes, draw_views
 from slrl_sumo.report.motion_figures import draw_motion
 from slrl_sumo.report.page import page
+from slrl_sumo.report.pictures import Layout, title_style, write_picture
 from slrl_sumo.report.queue_figures import draw_queues
 from slrl_sumo.report.recorder import RunRecord
 from slrl_sumo.report.reference import reference_for
@@ -58,11 +59,11 @@ def write_report(
 
     with writing(folder):
         folder.mkdir(exist_ok=True)
+        drawn: dict[str, Layout] = {}
+        titles = title_style(surfaces)
         for look in LOOKS:
-            with rc_context(look.style):
-                drawn = []
+            with rc_context({**titles, **look.style}):
                 for name, figure in draw(look):
-                    figure.savefig(folder / f"{name}{look.suffix}.png", dpi=110)
-                    drawn.append(name)
-        text = page(record, summary, reference, ours, {"ttc": ttc, "pet": pet}, queues, drawn)
+                    drawn[name] = write_picture(figure, folder / f"{name}{look.suffix}.png", drawn.get(name))
+        text = page(record, summary, reference, ours, {"ttc": ttc, "pet": pet}, queues, list(drawn))
         (folder / "report.html").write_text(text, encoding="utf-8")

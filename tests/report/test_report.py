@@ -8,16 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import make_recording, make_world
+from matplotlib import rc_context
 from PIL import Image
 
 from slrl_sumo.api.run import write_run
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import Places
+from slrl_sumo.ground.picture import draw_ground
 from slrl_sumo.ground.surfaces import Ribbon, Surface, SurfaceShapes
 from slrl_sumo.metrics.conflicts import ttc_conflicts
+from slrl_sumo.metrics.distributions import kinematics
 from slrl_sumo.report.definitions import DEFINITIONS
-from slrl_sumo.report.looks import LIGHT
+from slrl_sumo.report.looks import LIGHT, LOOKS
+from slrl_sumo.report.map_figures import draw_density, draw_paths
 from slrl_sumo.report.mode_figures import draw_modes
+from slrl_sumo.report.motion_figures import draw_motion
 from slrl_sumo.report.recorder import RunRecorder
 from slrl_sumo.report.reference import counts_by_group, reference_for
 from slrl_sumo.report.report import write_report
@@ -188,6 +193,38 @@ def test_figures_fit_light_and_dark_pages(builder: RunRecorder, tmp_path: Path) 
             grey = np.asarray(Image.open(tmp_path / "report" / f"{name}{look}.png").convert("L"), np.int64)
             assert {abs(int(grey[y, x]) - page) < 2 for y in (0, -1) for x in (0, -1)} == {True}, name
             assert (abs(grey - page) > 150).sum() > 500, name
+
+
+@pytest.mark.parametrize("north", [0.0, 5.8e6])
+def test_figures_are_those_of_matplotlib(north: float, tmp_path: Path) -> None:
+    """Drawn once, in the layout of the light figure and with titles without a search, they show what `savefig` writes,
+    also where the ticks of the y axis have an offset and titles must avoid it."""
+    shapes = SurfaceShapes(tuple(replace(one, points=one.points + np.array([0.0, north])) for one in ROAD.shapes))
+    world_there = replace(world(0), y=world(0).y + north)
+    made = RunRecorder(
+        replace(STARTED, scenario=8 * "a long name ", surfaces=shapes, step=Step(0.0, world_there, NOWHERE))
+    )
+    for frame in range(1, 14):
+        moved = replace(world(frame), y=world(frame).y + north)
+        made.add(replace(decision(frame), steps=(Step(0.4 * frame, moved, NOWHERE),)))
+    record = made.build()
+    write_report(record, tmp_path / "report", summary())
+    tracks, motion = record.tracks, kinematics(record.tracks, record.tracks.learned)
+    for look in LOOKS:
+        with rc_context(look.style):
+            ground = draw_ground(shapes, look.greys)
+            figures = {
+                "paths": draw_paths(record.started.scenario, tracks, tracks.learned, ground, look),
+                "motion": draw_motion(motion, reference_for(record, None).motion, "SUMO's own in this run", look),
+                "density": draw_density(tracks, ground),
+            }
+            for name, figure in figures.items():
+                figure.savefig(tmp_path / "expected.png", dpi=110)
+                found, expected = (
+                    np.asarray(Image.open(file))
+                    for file in (tmp_path / "report" / f"{name}{look.suffix}.png", tmp_path / "expected.png")
+                )
+                assert np.array_equal(found, expected), (name, look.suffix)
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ def run_comparison(common: ComparedScenario, run: Run) -> Record:
     and type, the shares over `distributions.EDGES`; `learned`: counts of takeovers and their ends.
     Raises InputError where scenario or bundle cannot be used, SumoError where SUMO fails.
     """
-    bundle = load_bundle(common.bundle)
+    bundle = load_bundle(common.bundle, training=False)
     scenario = find_scenario(common.scenario)
     with one_thread(), SumoSession(scenario, seed=run.seed, step_length=common.step_length) as session:
         cosimulation = _arm(session, bundle, common, run)

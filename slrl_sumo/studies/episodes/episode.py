@@ -66,7 +66,7 @@ def run_episode(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcom
 
     Raises InputError where scenario or bundle cannot be used, SumoError where SUMO gives up.
     """
-    bundle = load_bundle(settings.bundle)
+    bundle = load_bundle(settings.bundle, training=False)
     with one_thread(), SumoSession(find_scenario(settings.scenario), seed=episode.draw) as session:
         for _ in range(round(WARM_UP / DECISION_INTERVAL) * session.substeps):
             session.step()

@@ -70,7 +70,7 @@ def run_case(bundle: str, share: float, run: Run) -> Record:
             config = situation.build(Path(name))
         except NetgenError as error:
             raise SumoError(f"{run.situation}: {error}") from None
-        recorded = simulate(config, load_bundle(bundle), share, run, situation.seconds)
+        recorded = simulate(config, load_bundle(bundle, training=False), share, run, situation.seconds)
     on = on_lanes(recorded.trace, recorded.network.lanes)
     figures = recorded.record["figures"] | motion_figures(recorded.trace, on, recorded.greens, situation.desired)
     figures |= behaviour_figures(recorded.trace, on)
