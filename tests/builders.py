@@ -10,6 +10,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.models.bundle import ModelBundle, weights_of
 from slrl_sumo.models.bundle_config import BundleConfig
 from slrl_sumo.models.displacement import DisplacementModels
@@ -22,6 +23,7 @@ from slrl_sumo.scene.levels import Levels
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
+from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.road_users import VehicleParameters
 
 ALONG = SPACING * (np.arange(POINTS, dtype=np.float64) - HERE)
@@ -59,6 +61,16 @@ def make_crossroads(
         for a, b in ((name, "c"), ("c", name))
     )
     return make_scenario(folder, nodes, edges, users, *options, settings=settings)
+
+
+def make_lane(
+    name: str, *points: tuple[float, float], max_speed: float = 13.9, surface: Surface = Surface.ROAD
+) -> Lane:
+    """A lane 3.2 m wide through these points (m), of the junction or edge that its id names; `max_speed`: m/s."""
+    shape = np.array(points, np.float64)
+    length = float(np.hypot(*np.diff(shape, axis=0).T).sum())
+    edge = name.rpartition("_")[0]
+    return Lane(name, edge, shape, 3.2, length, max_speed, frozenset(), name.startswith(":"), surface)
 
 
 def make_world(

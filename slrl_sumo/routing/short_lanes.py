@@ -6,8 +6,8 @@ are points there, nor the models of this package can turn so sharply.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
+from itertools import pairwise, takewhile
 from typing import NamedTuple
 
 from slrl_sumo.routing.polyline import Polyline, direction_between, line_through
@@ -51,13 +51,15 @@ def curve_over(lanes: Sequence[Lane], first: int) -> Curve | None:
     """
     if first == 0 or lanes[first - 1].internal or not lanes[first].internal:
         return None
-    before, best, least = lanes[first - 1].points, None, math.inf
-    for after in _lanes_after(lanes, first):
-        target = lanes[after].points
-        drawn = [*before[-2:], *(point for lane in lanes[first:after] for point in lane.points), *target[:2]]
-        if best is None and tightest_zigzag(drawn) < ZIGZAG:
-            return None
-        line, _ = line_through(target)
+    before, ends = lanes[first - 1].points, _lanes_after(lanes, first)
+    if not ends:
+        return None
+    drawn = (point for lane in lanes[first : ends[0]] for point in lane.points)
+    if tightest_zigzag([*before[-2:], *drawn, *lanes[ends[0]].points[:2]]) < ZIGZAG:
+        return None
+    best, least = None, math.inf
+    for after in ends:
+        line, _ = line_through(lanes[after].points)
         for k in range(1 + int(min(FARTHEST, 0.5 * line.end) / STEP)):
             points = _curve(before[-2], before[-1], line, k * STEP)
             turning = zigzag([*before[-2:], *points, line.at(k * STEP + 0.5 * STEP)[:2]])
@@ -68,14 +70,11 @@ def curve_over(lanes: Sequence[Lane], first: int) -> Curve | None:
     return best
 
 
-def _lanes_after(lanes: Sequence[Lane], first: int) -> Iterator[int]:
+def _lanes_after(lanes: Sequence[Lane], first: int) -> list[int]:
     """Indices of the lanes between junctions that follow the first short lane from the index `first` on, up to the
     first one that is not short."""
     between = [k for k in range(first, len(lanes)) if not lanes[k].internal]
-    for here, following in pairwise(between):
-        if not is_short(lanes[here]):
-            return
-        yield following
+    return [after for here, after in takewhile(lambda pair: is_short(lanes[pair[0]]), pairwise(between))]
 
 
 def is_short(lane: Lane) -> bool:

@@ -1,23 +1,20 @@
 """Lines along lanes, by hand."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.path_line import SIDEWAYS, VIEW, path_line
 from slrl_sumo.sumo.network.lanes import Lane
+from tests.builders import make_lane
 
 LIMIT = 25.0
 BEFORE = [(-10.0, 0.0)]
 
 
-def lane(name: str, *points: tuple[float, float], surface: Surface = Surface.ROAD) -> Lane:
-    shape: ArrayLike = points
-    length = float(np.hypot(*np.diff(np.array(shape), axis=0).T).sum())
-    internal = name.startswith(":")
-    return Lane(name, name.rpartition("_")[0], np.array(shape), 3.2, length, LIMIT, frozenset(), internal, surface)
-
+lane = partial(make_lane, max_speed=LIMIT)
 
 ROAD = lane("in_0", (0.0, 0.0), (100.0, 0.0))
 ASIDE = lane(":j_0_0", (100.0, 0.0), (103.0, -3.2))

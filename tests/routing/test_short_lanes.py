@@ -5,23 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.path_line import path_line
-from slrl_sumo.routing.short_lanes import SMOOTH, Point, curve_over, is_short, zigzag
+from slrl_sumo.routing.short_lanes import SMOOTH, curve_over, is_short, zigzag
 from slrl_sumo.sumo.network.lanes import Lane
+from tests.builders import make_lane
 
-
-def lane(name: str, *points: Point) -> Lane:
-    length = float(np.hypot(*np.diff(np.array(points), axis=0).T).sum())
-    internal = name.startswith(":")
-    return Lane(name, name.rpartition("_")[0], np.array(points), 3.2, length, 13.9, frozenset(), internal, Surface.ROAD)
-
-
-IN = lane("in_2", (-23.4, 33.8), (-3.4, 6.4))
-ACROSS = lane(":a_3_1", (-3.4, 6.4), (-2.0, 5.3), (-0.7, 5.0), (0.7, 4.7), (2.0, 3.6))
-SHORT_LANE = lane("short_2", (2.0, 3.6), (2.1, 3.4))
-BACK = lane(":b_2_1", (2.1, 3.4), (0.0, 0.9))
-OUT = lane("out_2", (0.0, 0.9), (11.6, -15.9))
+IN = make_lane("in_2", (-23.4, 33.8), (-3.4, 6.4))
+ACROSS = make_lane(":a_3_1", (-3.4, 6.4), (-2.0, 5.3), (-0.7, 5.0), (0.7, 4.7), (2.0, 3.6))
+SHORT_LANE = make_lane("short_2", (2.0, 3.6), (2.1, 3.4))
+BACK = make_lane(":b_2_1", (2.1, 3.4), (0.0, 0.9))
+OUT = make_lane("out_2", (0.0, 0.9), (11.6, -15.9))
 
 
 def turning_within(lanes: list[Lane], length: float) -> float:
@@ -50,7 +43,7 @@ def test_a_curve_takes_the_place_of_lanes_that_lead_aside_and_backwards() -> Non
 def test_lanes_that_a_vehicle_can_follow_are_kept() -> None:
     ways = [(-50.0, 0.0), (0.0, 0.0), (6.0, -0.5), (6.2, -0.5), (12.0, -1.0), (60.0, -1.0)]
     names = ["in_0", ":a_0_0", "short_0", ":b_0_0", "out_0"]
-    lanes = [lane(name, *pair) for name, *pair in zip(names, ways, ways[1:], strict=False)]
+    lanes = [make_lane(name, *pair) for name, *pair in zip(names, ways, ways[1:], strict=False)]
     assert curve_over(lanes, 1) is None
     # Without a short lane it is a change of lane inside one junction, of which `path_line` takes care.
     assert curve_over([IN, ACROSS, BACK, OUT], 1) is None
@@ -59,13 +52,13 @@ def test_lanes_that_a_vehicle_can_follow_are_kept() -> None:
 def test_a_mini_roundabout_is_kept() -> None:
     """Of Brussels (junctions 4992104350 and 4945754181): the curve led over its island."""
     lanes = [
-        lane("in_0", (20.0, 14.4), (6.8, 7.6)),
-        lane(":a_0_0", (6.8, 7.6), (5.0, 6.2), (3.5, 5.3), (2.2, 4.8), (1.2, 4.7)),
-        lane("short_0", (1.2, 4.7), (1.0, 4.7)),
-        lane(":b_1_0", (1.0, 4.7), (-0.6, 4.7), (-2.3, 4.2), (-3.8, 3.3), (-5.3, 1.9)),
-        lane("ring_0", (-5.3, 1.9), (-6.2, 1.0)),
-        lane(":c_0_0", (-6.2, 1.0), (-7.0, -0.5), (-7.2, -2.0), (-7.0, -4.0), (-7.5, -6.0)),
-        lane("out_0", (-7.5, -6.0), (-12.0, -18.0)),
+        make_lane("in_0", (20.0, 14.4), (6.8, 7.6)),
+        make_lane(":a_0_0", (6.8, 7.6), (5.0, 6.2), (3.5, 5.3), (2.2, 4.8), (1.2, 4.7)),
+        make_lane("short_0", (1.2, 4.7), (1.0, 4.7)),
+        make_lane(":b_1_0", (1.0, 4.7), (-0.6, 4.7), (-2.3, 4.2), (-3.8, 3.3), (-5.3, 1.9)),
+        make_lane("ring_0", (-5.3, 1.9), (-6.2, 1.0)),
+        make_lane(":c_0_0", (-6.2, 1.0), (-7.0, -0.5), (-7.2, -2.0), (-7.0, -4.0), (-7.5, -6.0)),
+        make_lane("out_0", (-7.5, -6.0), (-12.0, -18.0)),
     ]
     assert all(curve_over(lanes, k) is None for k in range(len(lanes)))
 

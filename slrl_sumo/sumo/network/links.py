@@ -137,13 +137,10 @@ class LaneLinks:
     def __call__(self, lane: str) -> list[tuple[str, str]]:
         """Pairs of lane ids: the following lane, and the internal lane before it ('' without one).
 
-        None for lanes that are not in the network, such as bent ones (`routing.junctions.bent_lane`).
+        A lane that is not in the network, such as a bent one (`routing.junctions.bent_lane`), has none.
         """
         links = self._links.get(lane)
         if links is None:
-            links = self._links[lane] = [
-                (link[0], link[4])
-                for link in (self._api.lane.getLinks(lane) if lane in self._known else ())
-                if link[0] in self._known
-            ]
+            found = self._api.lane.getLinks(lane) if lane in self._known else ()
+            links = self._links[lane] = [(link[0], link[4]) for link in found if link[0] in self._known]
         return links

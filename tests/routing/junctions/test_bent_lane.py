@@ -3,30 +3,21 @@
 from pathlib import Path
 
 import libsumo
-import numpy as np
 import pytest
 
 import slrl_sumo
-from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.junctions.bent_lane import bent_lane
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import junction_of
 from slrl_sumo.routing.polyline import line_through
-from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.builders import make_scenario
-
-
-def lane(name: str, *points: tuple[float, float]) -> Lane:
-    shape = np.array(points, np.float64)
-    length = float(np.hypot(*np.diff(shape, axis=0).T).sum())
-    return Lane(name, name, shape, 3.2, length, 13.9, frozenset(), name.startswith(":"), Surface.ROAD)
+from tests.builders import make_lane, make_scenario
 
 
 def test_a_bent_lane_leads_to_the_target_in_the_same_directions() -> None:
-    inside = lane(":j_4_0", (0.0, 0.0), (12.0, 0.0))
-    bent = bent_lane(inside, lane("e_2", (12.0, 6.4), (30.0, 6.4)))
+    inside = make_lane(":j_4_0", (0.0, 0.0), (12.0, 0.0))
+    bent = bent_lane(inside, make_lane("e_2", (12.0, 6.4), (30.0, 6.4)))
     assert bent is not None
     assert junction_of(bent.id) == junction_of(inside.id)
     assert bent.points[0] == pytest.approx((0.0, 0.0))
@@ -38,7 +29,7 @@ def test_a_bent_lane_leads_to_the_target_in_the_same_directions() -> None:
 
 
 def test_a_lane_that_is_too_short_is_not_bent() -> None:
-    assert bent_lane(lane(":j_4_0", (0.0, 0.0), (3.0, 0.0)), lane("e_1", (3.0, 3.2), (30.0, 3.2))) is None
+    assert bent_lane(make_lane(":j_4_0", (0.0, 0.0), (3.0, 0.0)), make_lane("e_1", (3.0, 3.2), (30.0, 3.2))) is None
 
 
 NODES = (
