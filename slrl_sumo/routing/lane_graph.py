@@ -19,6 +19,7 @@ from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.network.lane_state import LaneState
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
 from slrl_sumo.sumo.network.links import LaneLinks
+from slrl_sumo.sumo.network.narrow_lanes import moved_apart
 
 MOST_LANES = 30
 MOST_PATHS = 2_000
@@ -51,6 +52,7 @@ class LaneGraph:
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.links = LaneLinks(api, network)
         self.lanes = {lane.id: lane for lane in network.lanes}
+        self.lanes.update((lane.id, lane) for lane in moved_apart(network.lanes, network.edge_ends))
         self.inside: dict[str, list[str]] = {}
         """The internal lanes of each junction (see `junction_of`), with pedestrian crossings, without walking areas."""
         self.version = 0
@@ -189,10 +191,25 @@ class LaneGraph:
                 remaining = remaining[1:]
         early = {here: self._early(here, via) for _, here, via, _ in entries}
         path = _joined([self.lanes[i] for i in chain], entries, before, self.lanes, early)
-        if rng is not None or self.lanes[lane].internal or len(self._of_edge[self.lanes[lane].edge]) == 1:
+        if self.lanes[lane].internal or len(self._of_edge[self.lanes[lane].edge]) == 1:
             return path
         route = (self.lanes[lane].edge, *edges)
+        if rng is not None:
+            onward = self._edge_after(lane, vehicle_class, rng) if len(chain) == 1 else None
+            if onward is None:
+                return path
+            route = (route[0], onward)
         return replace(path, route=route, next_lane=self.lane_to_change_to(lane, vehicle_class, route))
+
+    def _edge_after(self, lane: str, vehicle_class: str, rng: random.Random) -> str | None:
+        """An edge after the nearest lane beside a `lane` that ends, for a vehicle without a destination."""
+        lanes = self.lanes_of(lane)
+        for other in sorted(lanes, key=lambda one: abs(lanes.index(one) - lanes.index(lane))):
+            if self.lanes[other].admits(vehicle_class):
+                link = self._choose(other, (), vehicle_class, rng)
+                if link is not None:
+                    return self.lanes[link[0]].edge
+        return None
 
     def _without_change(self, via: str, target: str, route: tuple[str, ...], vehicle_class: str) -> tuple[str, str]:
         """The internal lane `via` and the lane `target` after it, or a bent one and the lane that the `route` needs.

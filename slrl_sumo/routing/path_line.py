@@ -101,6 +101,8 @@ def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mappin
     edge, index, nearest = lane.edge, lane_index(lane.id), _away(lane, place)
     beside = [network.get(f"{edge}_{index + step}") for step in (1, -1)]
     step = 1 if _away(beside[0], place) < _away(beside[1], place) else -1
+    if min(_away(one, place) for one in beside) >= nearest:
+        return nearest <= 0.5 * lane.width
     while True:
         index += step
         between = network.get(f"{edge}_{index}")

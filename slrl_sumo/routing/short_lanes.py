@@ -10,6 +10,8 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise, takewhile
 from typing import NamedTuple
 
+import numpy as np
+
 from slrl_sumo.routing.polyline import Polyline, direction_between, line_through
 from slrl_sumo.sumo.network.lanes import Lane
 
@@ -23,7 +25,11 @@ STEP = 1.0
 FARTHEST = 10.0
 """Distance (m) from the begin of the next lane to the farthest of them."""
 SMOOTH = 0.1
-"""Turning (rad) to both sides up to which a curve is smooth: the first place that allows such a curve is taken."""
+"""Turning (rad) to both sides up to which a curve is smooth: the first place that allows such a curve within the lanes
+is taken."""
+BESIDE = 0.5
+"""Distance (m) that a curve may lead outside the lanes that it replaces: curves that ended up to 10 m on the next
+lane led up to 5 m beside the carriageway at 30 places in five cities."""
 CONTROL = 0.39
 """Distance of a curve's control points from its ends, as a share of the distance between the ends: that of a quarter
 of a circle."""
@@ -47,7 +53,8 @@ class Curve(NamedTuple):
 def curve_over(lanes: Sequence[Lane], first: int) -> Curve | None:
     """The curve that replaces the `lanes` from the index `first` on, over one short lane or several in a row.
 
-    None if there is no tight zigzag over the first short lane, and for the begin and the end of a path.
+    It stays within the lanes that it replaces where it can. None if there is no tight zigzag over the first short lane,
+    and for the begin and the end of a path.
     """
     if first == 0 or lanes[first - 1].internal or not lanes[first].internal:
         return None
@@ -57,15 +64,18 @@ def curve_over(lanes: Sequence[Lane], first: int) -> Curve | None:
     drawn = (point for lane in lanes[first : ends[0]] for point in lane.points)
     if tightest_zigzag([*before[-2:], *drawn, *lanes[ends[0]].points[:2]]) < ZIGZAG:
         return None
-    best, least = None, math.inf
+    best, least = None, (math.inf, math.inf)
     for after in ends:
         line, _ = line_through(lanes[after].points)
+        replaced, _ = line_through([*before[-2:], *(p for lane in lanes[first : after + 1] for p in lane.points)])
         for k in range(1 + int(min(FARTHEST, 0.5 * line.end) / STEP)):
             points = _curve(before[-2], before[-1], line, k * STEP)
             turning = zigzag([*before[-2:], *points, line.at(k * STEP + 0.5 * STEP)[:2]])
-            if turning < least:
-                best, least = Curve(points, after, line.between(k * STEP, line.end)), turning
-            if turning < SMOOTH:
+            outside = _distance(points, replaced) - 0.5 * lanes[after].width - BESIDE
+            rank = max(outside, 0.0), turning
+            if rank < least:
+                best, least = Curve(points, after, line.between(k * STEP, line.end)), rank
+            if rank < (0.0, SMOOTH):
                 return best
     return best
 
@@ -95,6 +105,12 @@ def tightest_zigzag(points: Iterable[Point]) -> float:
     line, _ = line_through(points)
     begins = range(1 + max(math.ceil(line.end - WITHIN), 0))
     return max(zigzag(line.between(begin, min(begin + WITHIN, line.end))) for begin in begins)
+
+
+def _distance(points: Sequence[Point], line: Polyline) -> float:
+    """The greatest distance (m) of the points from a line."""
+    x, y = np.array(points).T
+    return float(line.places(x, y)[2].max())
 
 
 def _curve(previous: Point, begin: Point, line: Polyline, place: float) -> list[Point]:

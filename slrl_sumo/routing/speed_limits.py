@@ -90,7 +90,8 @@ class SpeedLimits:
             return True
         last = self._graph.lanes[track.path.lanes[-1]]
         if not track.edges:
-            return not self._graph.is_closed_after(last.id, track.parameters.vehicle_class)
+            ends = track.path.next_lane is not None
+            return not ends and not self._graph.is_closed_after(last.id, track.parameters.vehicle_class)
         return last.edge == track.edges[-1]
 
 

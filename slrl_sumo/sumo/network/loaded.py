@@ -39,6 +39,8 @@ class Network:
     junctions: tuple[Area, ...]
     exits: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
     """Lane ends where the network ends: x, y (m), heading outwards (rad), half the lane's width (m), (e, 4)."""
+    edge_ends: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """The junctions at the begin and the end of each edge, by its id."""
     junction_positions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """x, y (m) of each junction by its id."""
     signal_junctions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -175,10 +177,12 @@ def read_network(api: SumoApi) -> Network:
         for junction in api.junction.getIDList()
         if not junction.startswith(":")
     }
+    ends = {edge: (api.edge.getFromJunction(edge), api.edge.getToJunction(edge)) for edge in _edges(lanes)}
     return Network(
         tuple(lanes),
         tuple(junctions),
-        _exits(api, lanes),
+        _exits(lanes, ends),
+        ends,
         positions,
         _signal_junctions(api),
         tuple(without_width),
@@ -195,19 +199,19 @@ def _removing(api: SumoApi) -> frozenset[str]:
     )
 
 
-def _exits(api: SumoApi, lanes: list[Lane]) -> NDArray[np.float64]:
-    """Ends of lanes at junctions with a single neighbouring junction: see Network.exits."""
+def _exits(lanes: list[Lane], edge_ends: Mapping[str, tuple[str, str]]) -> NDArray[np.float64]:
+    """Ends of lanes at junctions with a single neighbouring junction, or that no edge leaves: see Network.exits."""
     neighbours: dict[str, set[str]] = {}
-    between = {edge: (api.edge.getFromJunction(edge), api.edge.getToJunction(edge)) for edge in _edges(lanes)}
-    for start, end in between.values():
+    for start, end in edge_ends.values():
         neighbours.setdefault(start, set()).add(end)
         neighbours.setdefault(end, set()).add(start)
+    left = {start for start, _ in edge_ends.values()}
     ends = []
     for lane in lanes:
         if lane.internal or len(lane.shape) < 2:
             continue
-        for junction, line in zip(between[lane.edge], (lane.shape[::-1], lane.shape), strict=True):
-            if len(neighbours[junction]) == 1:
+        for junction, line in zip(edge_ends[lane.edge], (lane.shape[::-1], lane.shape), strict=True):
+            if len(neighbours[junction]) == 1 or junction not in left:
                 out = line[-1] - line[-2]
                 ends.append((*line[-1], np.arctan2(out[1], out[0]), 0.5 * lane.width))
     return np.array(ends, np.float64).reshape(-1, 4)
@@ -252,7 +256,11 @@ def _shared_junctions(api: SumoApi, lanes: list[Lane]) -> frozenset[str]:
 
 
 def _junctions(api: SumoApi, lanes: list[Lane]) -> list[Area]:
-    """Junction outlines, with the strongest surface among the lanes that meet there."""
+    """Junction outlines, with the strongest surface among the lanes that meet there.
+
+    Without junctions that no edge leaves: the network ends before them. Where two carriageways end at one, netconvert
+    draws it over 25 m.
+    """
     rank = {Surface.ROAD: 3, Surface.CYCLEWAY: 2, Surface.SIDEWALK: 1}
     by_edge: dict[str, Surface] = {}
     for lane in lanes:
@@ -264,8 +272,9 @@ def _junctions(api: SumoApi, lanes: list[Lane]) -> list[Area]:
         if junction.startswith(":"):
             continue
         outline = np.array(api.junction.getShape(junction), np.float64).reshape(-1, 2)
-        edges = (*api.junction.getIncomingEdges(junction), *api.junction.getOutgoingEdges(junction))
+        incoming, outgoing = api.junction.getIncomingEdges(junction), api.junction.getOutgoingEdges(junction)
+        edges = (*incoming, *outgoing)
         surface = max((by_edge.get(e, Surface.NONE) for e in edges), key=lambda s: rank.get(s, 0), default=Surface.NONE)
-        if len(outline) >= 3 and surface != Surface.NONE:
+        if outgoing and len(outline) >= 3 and surface != Surface.NONE:
             areas.append(Area(surface, outline))
     return areas

@@ -1,0 +1,72 @@
+"""Lines along narrow streets, by hand and in a network of netconvert."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import libsumo
+import numpy as np
+import pytest
+
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.narrow_lanes import APART, TAPER, moved_apart
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from tests.builders import make_lane, make_scenario
+
+ENDS = {"out": ("a", "b"), "back": ("b", "a"), "detour": ("b", "a"), "wide": ("a", "b")}
+WIDTH = 1.5
+OUT = replace(make_lane("out_0", (0.0, -0.75), (50.0, -0.75), (100.0, -0.75)), width=WIDTH)
+BACK = replace(make_lane("back_0", (100.0, 0.75), (50.0, 0.75), (0.0, 0.75)), width=WIDTH)
+
+
+def lines(*lanes: Lane) -> dict[str, Floats]:
+    return {lane.id: lane.shape for lane in moved_apart(lanes, ENDS)}
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_narrow_opposite_lanes_are_moved_apart_between_their_ends(side: float) -> None:
+    # With -1 in a network where traffic keeps to the left.
+    found = lines(*(replace(lane, shape=lane.shape * [1.0, side]) for lane in (OUT, BACK)))
+    for name, sign in (("out_0", -side), ("back_0", side)):
+        x, y = found[name].T
+        inside = (x >= TAPER) & (x <= 100.0 - TAPER)
+        assert y[inside] == pytest.approx(sign * 0.5 * APART)
+        assert y[[0, -1]] == pytest.approx(sign * 0.75)
+
+
+def test_a_lane_is_moved_to_its_border_at_most() -> None:
+    slim = [replace(lane, shape=lane.shape * [1.0, 0.5], width=0.75) for lane in (OUT, BACK)]
+    assert lines(*slim)["out_0"][:, 1].min() == pytest.approx(-0.375 - 0.375)
+
+
+def test_other_lanes_stay() -> None:
+    wide = [replace(lane, shape=lane.shape * [1.0, 1.8], width=2.7) for lane in (OUT, BACK)]
+    second = replace(OUT, id="out_1")
+    far = replace(BACK, id="detour_0", edge="detour", shape=BACK.shape + [0.0, 20.0])
+    for lanes in ([OUT], wide, [OUT, second, BACK], [OUT, far]):
+        assert lines(*lanes) == {}
+    # The street of the lane, not the other one between the same junctions.
+    assert lines(OUT, far, BACK).keys() == {"out_0", "back_0"}
+
+
+def test_the_line_leads_onwards_at_sharp_corners() -> None:
+    corner = np.array([(0.0, 0.0), (40.0, 0.0), (40.3, 0.1), (40.4, 0.4), (40.4, 40.0)])
+    out = replace(OUT, shape=corner)
+    back = replace(BACK, shape=corner[::-1] + [-1.06, 1.06])
+    for shape in lines(out, back).values():
+        steps = np.diff(shape, axis=0)
+        turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+        assert abs(turns.sum()) == pytest.approx(0.5 * np.pi, abs=0.3)
+        assert np.abs(turns).sum() < 0.5 * np.pi + 0.5
+
+
+def test_paths_of_vehicles_keep_apart_on_a_narrow_street(tmp_path: Path) -> None:
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="200" y="0"/>'
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" width="1.5"/>' for a, b in ("ab", "ba"))
+    make_scenario(tmp_path, nodes, edges, "")
+    with SumoSession(find_scenario(str(tmp_path))) as session:
+        graph = LaneGraph(libsumo, session.network)
+        heights = [graph.path(lane, (), "passenger", []).line.at(100.0)[1] for lane in ("ab_0", "ba_0")]
+    assert heights[1] - heights[0] == pytest.approx(APART, abs=0.02)
