@@ -59,6 +59,14 @@ def test_where_no_lane_lies_beside_it_sumo_s_way_is_kept() -> None:
         )
 
 
+def test_a_line_does_not_ease_outside_the_carriageway() -> None:
+    """A place to the right of the rightmost lane: the line led up to 6 m beside the carriageway (Leeds)."""
+    outer = lane("out_0", (103.0, 3.2), (303.0, 3.2))
+    aside = lane(":j_0_0", (100.0, 0.0), (103.0, 3.2))
+    inner = lane("out_1", (103.0, 6.4), (303.0, 6.4))
+    assert heights([ROAD, aside, outer], inner, at=[100.0, 106.0, 120.0]) == pytest.approx([0.0, 3.2, 3.2], abs=0.2)
+
+
 def test_ways_through_junctions_are_kept() -> None:
     # A turn, a gentle shift across a wide junction, and a far one.
     turn = [lane(":j_1_0", (100.0, 0.0), (108.0, 8.0)), lane("up_0", (108.0, 8.0), (108.0, 99.0))]

@@ -28,7 +28,7 @@ def lines(*lanes: Lane) -> dict[str, Floats]:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_narrow_opposite_lanes_are_moved_apart_between_their_ends(side: float) -> None:
     # With -1 in a network where traffic keeps to the left.
-    found = lines(*(replace(lane, shape=lane.shape * [1.0, side]) for lane in (OUT, BACK)))
+    found = lines(*(replace(lane, shape=lane.shape * np.array([1.0, side])) for lane in (OUT, BACK)))
     for name, sign in (("out_0", -side), ("back_0", side)):
         x, y = found[name].T
         inside = (x >= TAPER) & (x <= 100.0 - TAPER)
@@ -37,14 +37,14 @@ def test_narrow_opposite_lanes_are_moved_apart_between_their_ends(side: float) -
 
 
 def test_a_lane_is_moved_to_its_border_at_most() -> None:
-    slim = [replace(lane, shape=lane.shape * [1.0, 0.5], width=0.75) for lane in (OUT, BACK)]
+    slim = [replace(lane, shape=lane.shape * np.array([1.0, 0.5]), width=0.75) for lane in (OUT, BACK)]
     assert lines(*slim)["out_0"][:, 1].min() == pytest.approx(-0.375 - 0.375)
 
 
 def test_other_lanes_stay() -> None:
-    wide = [replace(lane, shape=lane.shape * [1.0, 1.8], width=2.7) for lane in (OUT, BACK)]
+    wide = [replace(lane, shape=lane.shape * np.array([1.0, 1.8]), width=2.7) for lane in (OUT, BACK)]
     second = replace(OUT, id="out_1")
-    far = replace(BACK, id="detour_0", edge="detour", shape=BACK.shape + [0.0, 20.0])
+    far = replace(BACK, id="detour_0", edge="detour", shape=BACK.shape + np.array([0.0, 20.0]))
     for lanes in ([OUT], wide, [OUT, second, BACK], [OUT, far]):
         assert lines(*lanes) == {}
     # The street of the lane, not the other one between the same junctions.
@@ -54,7 +54,7 @@ def test_other_lanes_stay() -> None:
 def test_the_line_leads_onwards_at_sharp_corners() -> None:
     corner = np.array([(0.0, 0.0), (40.0, 0.0), (40.3, 0.1), (40.4, 0.4), (40.4, 40.0)])
     out = replace(OUT, shape=corner)
-    back = replace(BACK, shape=corner[::-1] + [-1.06, 1.06])
+    back = replace(BACK, shape=corner[::-1] + np.array([-1.06, 1.06]))
     for shape in lines(out, back).values():
         steps = np.diff(shape, axis=0)
         turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
