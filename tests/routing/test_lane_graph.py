@@ -100,3 +100,17 @@ def test_walking_areas_are_no_ways_through_junctions() -> None:
         inside = [lane for lanes in LaneGraph(libsumo, session.network).inside.values() for lane in lanes]
     assert any("_c" in lane for lane in inside)
     assert not any("_w" in lane for lane in inside)
+
+
+def test_without_a_destination_a_lane_that_ends_is_left_for_the_lane_beside(tmp_path: Path) -> None:
+    nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", 200), ("c", 400)))
+    edges = '<edge id="ab" from="a" to="b" numLanes="2"/><edge id="bc" from="b" to="c"/>'
+    make_scenario(tmp_path, nodes, edges, "")
+    with SumoSession(find_scenario(str(tmp_path))) as session:
+        graph = LaneGraph(libsumo, session.network)
+        onward = {lane: bool(graph.links(lane)) for lane in ("ab_0", "ab_1")}
+        assert sorted(onward.values()) == [False, True]
+        for lane, continues in onward.items():
+            other = "ab_1" if lane == "ab_0" else "ab_0"
+            path = graph.path(lane, (), "passenger", [], seed="learned_car.0")
+            assert path.next_lane == (None if continues else other)

@@ -16,6 +16,7 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
+from tests.builders import make_scenario
 
 
 def network(name: str) -> Network:
@@ -162,3 +163,16 @@ def test_a_lane_that_is_nowhere_is_named_with_its_scenario(copy_scenario: Callab
         SumoSession(find_scenario(str(config))),
     ):
         pass
+
+
+def test_the_network_ends_where_no_edge_leaves_a_junction(tmp_path: Path) -> None:
+    """Two carriageways end at one junction, which netconvert draws over 25 m (Leeds)."""
+    nodes = "".join(f'<node id="{n}" x="{x}" y="{y}"/>' for n, x, y in (("a", 0, 0), ("b", 0, 40), ("c", 200, 20)))
+    edges = '<edge id="ac" from="a" to="c"/><edge id="bc" from="b" to="c"/>'
+    make_scenario(tmp_path, nodes, edges, "")
+    with SumoSession(find_scenario(str(tmp_path))) as session:
+        network = session.network
+    ends = {lane.id: tuple(lane.shape[-1]) for lane in network.lanes if not lane.internal}
+    assert {tuple(row[:2]) for row in network.exits} >= set(ends.values())
+    at_c = RoadMap(network.surfaces()).surface_at(np.array([199.5]), np.array([20.0]))
+    assert at_c[0] == Surface.NONE
