@@ -99,10 +99,10 @@ def _beside(place: tuple[float, float], direction: float, lane: Lane, network: M
 def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mapping[str, Lane]) -> bool:
     """Whether all lanes of the edge between the begin of a lane and a place beside it are carriageway."""
     edge, index, nearest = lane.edge, lane_index(lane.id), _away(lane, place)
-    beside = [network.get(f"{edge}_{index + step}") for step in (1, -1)]
-    step = 1 if _away(beside[0], place) < _away(beside[1], place) else -1
-    if min(_away(one, place) for one in beside) >= nearest:
+    left, right = (_away(network.get(f"{edge}_{index + step}"), place) for step in (1, -1))
+    if min(left, right) >= nearest:
         return nearest <= 0.5 * lane.width
+    step = 1 if left < right else -1
     while True:
         index += step
         between = network.get(f"{edge}_{index}")

@@ -60,7 +60,7 @@ def test_where_no_lane_lies_beside_it_sumo_s_way_is_kept() -> None:
 
 
 def test_a_line_does_not_ease_outside_the_carriageway() -> None:
-    """A place to the right of the rightmost lane: the line led up to 6 m beside the carriageway (Leeds)."""
+    """A place to the right of the rightmost lane: a line led 4 m beside the lane (Leeds)."""
     outer = lane("out_0", (103.0, 3.2), (303.0, 3.2))
     aside = lane(":j_0_0", (100.0, 0.0), (103.0, 3.2))
     inner = lane("out_1", (103.0, 6.4), (303.0, 6.4))

@@ -16,7 +16,7 @@ from slrl_sumo.routing.walking.walking_area import distance_to
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.network.lanes import Lane
-from slrl_sumo.sumo.network.links import LaneLinks, edge_junctions
+from slrl_sumo.sumo.network.links import LaneLinks
 
 RANDOM_EDGES = 12
 """Number of edges of a path without destination."""
@@ -26,7 +26,7 @@ class WalkGraph:
     """The lanes of a loaded network that persons walk on, and how they are connected."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
-        self._api = api
+        self._edge_ends = network.edge_ends
         self._lane_of: dict[str, Lane] = {}
         """Lane that persons walk on, by edge."""
         self._internal: dict[str, Lane] = {}
@@ -51,7 +51,6 @@ class WalkGraph:
                     self._neighbours[lane_id].append(target)
                     self._neighbours[target].append(lane_id)
                     self._entered_from[target] = lane_id
-        self._junctions: dict[str, tuple[str, str]] = {}
         self._near: dict[str, list[Lane]] = {}
         """Lanes for persons inside each junction and on its edges."""
         self._found: dict[tuple[str, str, frozenset[str]], dict[str, list[str]]] = {}
@@ -71,7 +70,7 @@ class WalkGraph:
         if not edges or any(edge not in self._lane_of for edge in edges):
             return None
         ways = [self._directed(edges)]
-        if len(edges) > 1 and set(self._junctions_of(edges[0])) == set(self._junctions_of(edges[1])):
+        if len(edges) > 1 and set(self._edge_ends[edges[0]]) == set(self._edge_ends[edges[1]]):
             ways.append(self._directed(edges, backward=True))
             ways = [steps for steps in ways if self._leads_on(*steps[:2])] or ways[:1]
             ways = [steps for steps in ways if here.startswith(f":{self._left_by(*steps[0])}_")] or ways
@@ -91,7 +90,7 @@ class WalkGraph:
             if lane.edge == edge:
                 return self._joined(rest[k:], path.arrival, PathDrawing(side))
         inside = lane.id in self._internal
-        junctions = (junction_of(lane.id)[1:],) if inside else self._junctions_of(lane.edge)
+        junctions = (junction_of(lane.id)[1:],) if inside else self._edge_ends[lane.edge]
         # If the person is in the junction after that edge, it walks on to the next edge.
         rest = rest[1:] if self._entered_by(*rest[0]) not in junctions and len(rest) > 1 else rest
         junction = self._entered_by(*rest[0])
@@ -99,7 +98,7 @@ class WalkGraph:
         if way is None:
             return None
         if not inside:
-            forward = junction == self._junctions_of(lane.edge)[1]
+            forward = junction == self._edge_ends[lane.edge][1]
             return self._joined([(lane.edge, forward), *rest], path.arrival, PathDrawing(side))
         drawn = PathDrawing(side, (x, y), lane)
         drawn.lead_through(self._inside(way))
@@ -129,7 +128,7 @@ class WalkGraph:
 
     def _left_by(self, edge: str, forward: bool) -> str:
         """The junction at the end of an edge."""
-        return self._junctions_of(edge)[1 if forward else 0]
+        return self._edge_ends[edge][1 if forward else 0]
 
     def _entered_by(self, edge: str, forward: bool) -> str:
         """The junction at the begin of an edge."""
@@ -149,21 +148,21 @@ class WalkGraph:
                 steps.append((here, not forward))
                 continue
             chosen = rng.choice(choices)
-            steps.append((chosen, self._junctions_of(chosen)[0] == junction))
+            steps.append((chosen, self._edge_ends[chosen][0] == junction))
         return self._joined(steps, None, PathDrawing(side))
 
     def _directed(self, edges: tuple[str, ...], *, backward: bool = False) -> list[Step]:
         """Each edge, and whether it is walked from begin to end; `backward`: walk the first edge to its begin."""
         steps: list[Step] = []
-        entered = self._junctions_of(edges[0])[1] if backward else ""
+        entered = self._edge_ends[edges[0]][1] if backward else ""
         for edge, following in pairwise(edges):
-            ends = self._junctions_of(edge)
-            shared = [j for j in ends if j in self._junctions_of(following)] or [ends[1]]
+            ends = self._edge_ends[edge]
+            shared = [j for j in ends if j in self._edge_ends[following]] or [ends[1]]
             # Opposite edges share both junctions: do not turn back at the junction where the person entered the edge.
             left = next((j for j in reversed(shared) if j != entered), shared[-1])
             steps.append((edge, left == ends[1]))
             entered = left
-        steps.append((edges[-1], entered != self._junctions_of(edges[-1])[1]))
+        steps.append((edges[-1], entered != self._edge_ends[edges[-1]][1]))
         return steps
 
     def _joined(self, steps: Sequence[Step], arrival: float | None, drawn: PathDrawing, here: str = "") -> WalkPath:
@@ -221,12 +220,6 @@ class WalkGraph:
                     further = self._internal[lane].length if inside else 0.0
                     heapq.heappush(todo, (length + further, [*way, lane]))
         return ways
-
-    def _junctions_of(self, edge: str) -> tuple[str, str]:
-        ends = self._junctions.get(edge)
-        if ends is None:
-            ends = self._junctions[edge] = edge_junctions(self._api, edge)
-        return ends
 
 
 def _distance(lane: Lane, x: float, y: float) -> float:

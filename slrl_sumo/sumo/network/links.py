@@ -121,11 +121,6 @@ def internal_foe_lanes(api: SumoApi, via: str) -> tuple[str, ...]:
     return tuple(api.lane.getInternalFoes(via))
 
 
-def edge_junctions(api: SumoApi, edge: str) -> tuple[str, str]:
-    """The junctions at the begin and at the end of an edge."""
-    return api.edge.getFromJunction(edge), api.edge.getToJunction(edge)
-
-
 class LaneLinks:
     """The pairs of target and via of all links between known lanes, read once per lane: they never change."""
 

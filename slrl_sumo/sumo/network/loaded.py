@@ -184,7 +184,7 @@ def read_network(api: SumoApi) -> Network:
         _exits(lanes, ends),
         ends,
         positions,
-        _signal_junctions(api),
+        _signal_junctions(api, ends),
         tuple(without_width),
         frozenset(infinitely_wide),
         _removing(api),
@@ -217,14 +217,14 @@ def _exits(lanes: list[Lane], edge_ends: Mapping[str, tuple[str, str]]) -> NDArr
     return np.array(ends, np.float64).reshape(-1, 4)
 
 
-def _signal_junctions(api: SumoApi) -> dict[str, tuple[str, ...]]:
+def _signal_junctions(api: SumoApi, edge_ends: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, ...]]:
     """See Network.signal_junctions: the ends of the edges whose links a traffic light controls."""
     junctions = {}
     for signal in api.trafficlight.getIDList():
         starts = {link[0] for links in api.trafficlight.getControlledLinks(signal) for link in links}
         # Crossings begin on lanes inside the junction.
         edges = {lane.rpartition("_")[0] for lane in starts if not lane.startswith(":")}
-        junctions[signal] = tuple(sorted({api.edge.getToJunction(edge) for edge in edges}))
+        junctions[signal] = tuple(sorted({edge_ends[edge][1] for edge in edges}))
     return junctions
 
 

@@ -1,7 +1,7 @@
 """Lines along streets so narrow that the lanes of both directions are less than a car's width apart.
 
-netconvert shares the width of a street in OpenStreetMap among its lanes: 28 % of the edges of Kraków have two lanes of
-1.4 to 2.1 m, on which SUMO's vehicles pass through each other.
+netconvert shares the width of a street in OpenStreetMap among its lanes: on 28 % of the edges of Kraków the lanes of
+both directions are 1.3 to 2.3 m apart, and SUMO's vehicles pass through each other.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,7 +14,8 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.network.lanes import Lane
 
 APART = 2.6
-"""Distance (m) between the lines of both directions at which cars pass each other: a car's width and 0.4 m."""
+"""Distance (m) between the lines of both directions at which cars pass each other: a car's width and 0.8 m. With
+0.4 m, 25 of 400 road users collided in Kraków, with 0.8 m 9."""
 TAPER = 5.0
 """Length (m) at both ends of a lane over which its line moves aside, since the lanes of junctions stay."""
 

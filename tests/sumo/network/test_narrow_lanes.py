@@ -15,7 +15,7 @@ from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from tests.builders import make_lane, make_scenario
 
-ENDS = {"out": ("a", "b"), "back": ("b", "a"), "detour": ("b", "a"), "wide": ("a", "b")}
+ENDS = {"out": ("a", "b"), "back": ("b", "a"), "detour": ("b", "a")}
 WIDTH = 1.5
 OUT = replace(make_lane("out_0", (0.0, -0.75), (50.0, -0.75), (100.0, -0.75)), width=WIDTH)
 BACK = replace(make_lane("back_0", (100.0, 0.75), (50.0, 0.75), (0.0, 0.75)), width=WIDTH)
