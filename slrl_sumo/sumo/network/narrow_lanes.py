@@ -15,7 +15,7 @@ from slrl_sumo.sumo.network.lanes import Lane
 
 APART = 2.6
 """Distance (m) between the lines of both directions at which cars pass each other: a car's width and 0.8 m. With
-0.4 m, 25 of 400 road users collided in Kraków, with 0.8 m 9."""
+0.4 m, 25 of 400 road users collided in Kraków, with 0.8 m 8."""
 TAPER = 5.0
 """Length (m) at both ends of a lane over which its line moves aside, since the lanes of junctions stay."""
 
