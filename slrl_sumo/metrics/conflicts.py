@@ -11,6 +11,7 @@ from slrl_sumo.metrics.encounters import ENCOUNTER_PAUSE, TTC_LIMIT, touching_so
 from slrl_sumo.metrics.neighbours import Rows, row_pairs
 from slrl_sumo.metrics.surrogate_safety import REAR_END, crossing_angle
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
+from slrl_sumo.scene.levels import FLAT, Levels, together
 from slrl_sumo.scene.types import RoadUserType
 
 PET_LIMIT = 1.0
@@ -71,14 +72,14 @@ def boxes(trajectories: Trajectories) -> Floats:
     return np.column_stack([trajectories.x, trajectories.y, trajectories.heading, *sizes])
 
 
-def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT) -> Conflicts:
+def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT, levels: Levels = FLAT) -> Conflicts:
     """Encounters with a time to collision (see `surrogate_safety.time_to_collision`) below `below` s, at any angle.
 
     Each encounter counts once, with its smallest value; 0 is an overlap. A pair that overlaps from the first common
-    time on has not collided by driving: such an encounter is left out.
+    time on has not collided by driving: such an encounter is left out, as are those on different `levels`.
     """
     box, velocity = boxes(trajectories), velocities(trajectories)
-    i, j, value = pairs_about_to_touch(box=box, velocity=velocity, frame=trajectories.frame, below=below)
+    i, j, value = pairs_about_to_touch(box=box, velocity=velocity, frame=trajectories.frame, below=below, levels=levels)
     track_i, track_j = trajectories.track[i], trajectories.track[j]
     moments = Conflicts(
         a=np.minimum(track_i, track_j),
@@ -94,17 +95,18 @@ def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT) -> Co
 
 
 def pairs_about_to_touch(
-    *, box: Floats, velocity: Floats, frame: Integers, below: float = TTC_LIMIT
+    *, box: Floats, velocity: Floats, frame: Integers, below: float = TTC_LIMIT, levels: Levels = FLAT
 ) -> tuple[Rows, Rows, Floats]:
     """Pairs of rows of a frame with a time to collision below `below` s: their indices and this time (s), (k,) each.
 
-    `box`: (R, 5), see `boxes`; `velocity`: m/s, (R, 2); `frame`: (R,), in any order. 0 s is an overlap.
+    `box`: (R, 5), see `boxes`; `velocity`: m/s, (R, 2); `frame`: (R,), in any order. 0 s is an overlap. Pairs on
+    different `levels` do not count.
     """
     reach = 0.5 * np.hypot(box[:, 3], box[:, 4]) + below * np.hypot(velocity[:, 0], velocity[:, 1])
     no_rows = np.zeros(0, np.intp)
     found: list[tuple[Rows, Rows, Floats]] = [(no_rows, no_rows, np.zeros(0))]
     for i, j in row_pairs(x=box[:, 0], y=box[:, 1], frame=frame, reach=reach):
-        found.append(touching_soon(box=box, velocity=velocity, i=i, j=j, below=below))
+        found.append(touching_soon(box=box, velocity=velocity, i=i, j=j, below=below, levels=levels))
     i, j, value = (np.concatenate(column) for column in zip(*found, strict=True))
     return i, j, value
 
@@ -116,12 +118,12 @@ def new_encounters(a: Integers, b: Integers, time: Floats) -> NDArray[np.bool_]:
     return new
 
 
-def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Conflicts:
+def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT, levels: Levels = FLAT) -> Conflicts:
     """Encounters with a post-encroachment time (see `surrogate_safety.post_encroachment_time`) below `below` s.
 
     Only angles of 30° and more count: for a follower, this time is always its headway. Each encounter counts once; 0 is
-    an overlap; encounters that begin with an overlap are left out. Positions are interpolated to 0.1 s, so that values
-    are up to 0.2 s too long.
+    an overlap; encounters that begin with an overlap, or are on different `levels`, are left out. Positions are
+    interpolated to 0.1 s, so that values are up to 0.2 s too long.
     """
     t, dt = trajectories, trajectories.dt
     box = boxes(t)
@@ -150,6 +152,7 @@ def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Co
                 at_j = _moved(box[begin[j]], move[j], turn[j], share_j)
                 angle = crossing_angle(at_i[:, 2], at_j[:, 2])
                 here = np.flatnonzero((angle >= REAR_END) & boxes_overlap(at_i, at_j))
+                here = here[together(levels, at_i[here, :3], at_j[here, :3])]
                 arrival = t.frame[begin[i[here]]] * dt + max(share_i, lag + share_j) * dt
                 place = 0.5 * (at_i[here, :2] + at_j[here, :2])
                 value = np.full(len(here), 0.0 if abs(apart) < 1e-9 else abs(apart))

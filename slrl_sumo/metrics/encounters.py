@@ -1,6 +1,6 @@
 """Collisions and near misses: their common definition, and their counts during a simulation."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from slrl_sumo.metrics.surrogate_safety import time_to_collision
 from slrl_sumo.scene.contacts import Pairs, pairs_in_reach
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.levels import FLAT, Levels, apart
+from slrl_sumo.scene.levels import FLAT, Levels, together
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES, RoadUserType
 
@@ -59,11 +59,18 @@ class Moments:
 
 
 def touching_soon(
-    *, box: Floats, velocity: Floats, i: NDArray[np.intp], j: NDArray[np.intp], below: float = TTC_LIMIT
+    *,
+    box: Floats,
+    velocity: Floats,
+    i: NDArray[np.intp],
+    j: NDArray[np.intp],
+    below: float = TTC_LIMIT,
+    levels: Levels = FLAT,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
     """The pairs of rows (i, j), (p,) each, with a time to collision below `below` s, and this time, (k,) each.
 
-    `box`: x, y (m), heading (rad), length, width (m), (R, 5); `velocity`: m/s, (R, 2). 0 s is an overlap.
+    `box`: x, y (m), heading (rad), length, width (m), (R, 5); `velocity`: m/s, (R, 2). 0 s is an overlap. Pairs that
+    will be on different `levels` then do not count.
     """
     # Only few pairs have bounding circles that touch in time.
     radius = 0.5 * np.hypot(box[:, 3], box[:, 4])
@@ -75,16 +82,27 @@ def touching_soon(
     i, j = i[touching], j[touching]
     ttc = time_to_collision(a=box[i], b=box[j], velocity_a=velocity[i], velocity_b=velocity[j])
     soon = ttc < below
-    return i[soon], j[soon], ttc[soon]
+    i, j, ttc = i[soon], j[soon], ttc[soon]
+    mine, theirs = (np.column_stack([box[k, :2] + ttc[:, None] * velocity[k], box[k, 2]]) for k in (i, j))
+    same = together(levels, mine, theirs)
+    return i[same], j[same], ttc[same]
 
 
-def moments(*, box: Floats, speed: Floats, kind: NDArray[np.int8], i: NDArray[np.intp], j: NDArray[np.intp]) -> Moments:
+def moments(
+    *,
+    box: Floats,
+    speed: Floats,
+    kind: NDArray[np.int8],
+    i: NDArray[np.intp],
+    j: NDArray[np.intp],
+    levels: Levels = FLAT,
+) -> Moments:
     """The Moments among pairs of rows (i, j), (p,) each.
 
-    `box`: (R, 5), see `touching_soon`; `speed`: m/s along the heading, (R,); `kind`: RoadUserType, (R,).
+    `box` (R, 5), `levels`: see `touching_soon`; `speed`: m/s along the heading, (R,); `kind`: RoadUserType, (R,).
     """
     velocity = speed[:, None] * np.stack([np.cos(box[:, 2]), np.sin(box[:, 2])], axis=1)
-    i, j, ttc = touching_soon(box=box, velocity=velocity, i=i, j=j)
+    i, j, ttc = touching_soon(box=box, velocity=velocity, i=i, j=j, levels=levels)
     offset, relative = box[j, :2] - box[i, :2], velocity[j] - velocity[i]
     closing: Floats = -(offset * relative).sum(axis=1) / np.maximum(np.hypot(*offset.T), 1e-9)
     pedestrians = (kind[i] == RoadUserType.PEDESTRIAN) & (kind[j] == RoadUserType.PEDESTRIAN)
@@ -96,20 +114,6 @@ def moments(*, box: Floats, speed: Floats, kind: NDArray[np.int8], i: NDArray[np
         moving=np.maximum(speed[i], speed[j]) > STANDING_SPEED,
         near=(ttc > 0.0) & (closing >= CLOSING_LIMIT) & ~pedestrians,
     )
-
-
-def _together(found: Moments, box: Floats, speed: Floats, levels: Levels) -> Moments:
-    """The Moments of road users that will be on the same level when they touch."""
-    if not len(levels.x):
-        return found
-    cos, sin = np.cos(box[:, 2]), np.sin(box[:, 2])
-    place = [
-        np.column_stack([box[k, 0] + way * cos[k], box[k, 1] + way * sin[k], cos[k], sin[k]]).tolist()
-        for k in (found.i, found.j)
-        for way in [speed[k] * found.ttc]
-    ]
-    same = np.array([not apart(levels, *a, *b) for a, b in zip(*place, strict=True)], np.bool_)
-    return Moments(**{field.name: getattr(found, field.name)[same] for field in fields(Moments)})
 
 
 @dataclass
@@ -206,8 +210,7 @@ class EncounterCounts:
         reach = 0.5 * np.hypot(world.length, world.width) + TTC_LIMIT * world.speed + 0.01
         pairs = pairs_in_reach(world, reach) if counted.any() else np.zeros((0, 2), np.intp)
         i, j = pairs[counted[pairs].any(axis=1)].T
-        found = moments(box=box, speed=world.speed, kind=world.type, i=i, j=j)
-        return _together(found, box, world.speed, self._levels)
+        return moments(box=box, speed=world.speed, kind=world.type, i=i, j=j, levels=self._levels)
 
     def _forget(self, now: float) -> None:
         """Drop ended encounters from time to time, so that memory does not grow with the run."""

@@ -34,7 +34,7 @@ def write_report(
     SUMO's own road users in the same run. Raises InputError where the folder cannot be written.
     """
     tracks, learned, surfaces = record.tracks, record.tracks.learned, record.started.surfaces
-    ttc, pet = (find(tracks).with_vehicles(tracks) for find in (ttc_conflicts, pet_conflicts))
+    ttc, pet = (find(tracks, levels=surfaces.levels).with_vehicles(tracks) for find in (ttc_conflicts, pet_conflicts))
     reference = reference_for(record, recording)
     ours = kinematics(tracks, learned)
     queues = find_queues(tracks)

@@ -65,3 +65,17 @@ def apart(
             return level != mine
         mine = level
     return False
+
+
+def together(levels: Levels, places: Floats, others: Floats) -> NDArray[np.bool_]:
+    """Whether each of k pairs of places is not on different levels, (k,).
+
+    `places`, `others`: (k, 3), x, y (m) and heading (rad).
+    """
+    if not len(levels.x):
+        return np.ones(len(places), np.bool_)
+    there = [
+        np.column_stack([x_y, np.cos(heading), np.sin(heading)]).tolist()
+        for x_y, heading in ((each[:, :2], each[:, 2]) for each in (places, others))
+    ]
+    return np.array([not apart(levels, *a, *b) for a, b in zip(*there, strict=True)], np.bool_)

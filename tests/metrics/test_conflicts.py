@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from builders import make_recording
+from builders import make_levels, make_recording
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.metrics.conflicts import boxes, pet_conflicts, ttc_conflicts, velocities
@@ -43,6 +43,15 @@ def test_a_head_on_encounter_counts_once_with_its_smallest_time_and_place() -> N
     assert found.closing == pytest.approx([20.0])
     assert found.angle == pytest.approx([np.pi])
     assert len(pet_conflicts(t)) == 0
+
+
+def test_road_users_on_different_levels_have_no_conflicts() -> None:
+    # Where a bridge leads over a street, both pass at the same time; two followers on the bridge do meet.
+    t = scene(straight(-40.0, 0.0, 0.0, 10.0), straight(0.0, -40.0, NORTH, 10.0), straight(-46.0, 0.0, 0.0, 16.0))
+    for find in (ttc_conflicts, pet_conflicts):
+        assert (0, 1) in {*zip(*(each.tolist() for each in (find(t).a, find(t).b)), strict=True)}
+    assert {*ttc_conflicts(t, levels=make_levels()).b.tolist()} == {2}
+    assert len(pet_conflicts(t, levels=make_levels())) == 0
 
 
 def test_a_pair_that_meets_again_later_has_two_encounters() -> None:

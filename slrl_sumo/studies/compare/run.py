@@ -18,6 +18,7 @@ from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.jumps import jumped
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
@@ -111,7 +112,7 @@ def run_comparison(common: ComparedScenario, run: Run) -> Record:
             }
             for kind, name in enumerate(TYPE_NAMES)
         },
-        **motion_record(builder.build()),
+        **motion_record(builder.build(), session.network.levels),
         "emissions": emissions.record(),
         "learned": learned,
     }
@@ -133,13 +134,13 @@ def _arm(session: SumoSession, bundle: ModelBundle, common: ComparedScenario, ru
     )
 
 
-def motion_record(tracks: Trajectories) -> Record:
-    """`conflicts` and `histograms` of a run, from positions only."""
+def motion_record(tracks: Trajectories, levels: Levels = FLAT) -> Record:
+    """`conflicts` and `histograms` of a run, from positions only; `levels`: of its network."""
     values = kinematics(tracks)
     return {
         "conflicts": {
-            "ttc": conflict_rows(ttc_conflicts(tracks).with_vehicles(tracks), tracks),
-            "pet": conflict_rows(pet_conflicts(tracks).with_vehicles(tracks), tracks),
+            "ttc": conflict_rows(ttc_conflicts(tracks, levels=levels).with_vehicles(tracks), tracks),
+            "pet": conflict_rows(pet_conflicts(tracks, levels=levels).with_vehicles(tracks), tracks),
         },
         "histograms": {
             quantity: {

@@ -107,7 +107,7 @@ def _record(traced: TracedVehicles, network: Network, road_map: RoadMap) -> Reco
         "trips": {road_user: list(astuple(trip)) for road_user, trip in trips.items()},
         "driving_stats": stats.record(),
         "emissions": traced.emissions(),
-        **motion_record(tracks),
+        **motion_record(tracks, network.levels),
     }
 
 
