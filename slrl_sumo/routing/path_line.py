@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
 
+from slrl_sumo.routing.junctions.bent_lane import is_bent
 from slrl_sumo.routing.polyline import Polyline, direction_between, line_through
 from slrl_sumo.routing.short_lanes import curve_over
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
@@ -70,7 +71,7 @@ def _eased(
     if following is None or along < 0.0:
         return shape
     aside, over = _beside(ahead, here, following, network), SIDEWAYS * along / lane.max_speed
-    if aside <= max(along * math.tan(PARALLEL), over):
+    if aside <= max(along * math.tan(PARALLEL), over) or not _have_room(ahead, lane, following, network):
         return shape
     # The shift begins inside the junction, so that a queue on the lane straight ahead blocks the vehicle less.
     begin = following.points[0]
@@ -96,10 +97,34 @@ def _beside(place: tuple[float, float], direction: float, lane: Lane, network: M
     return abs(left) if _carriageway_between(place, lane, network) else 0.0
 
 
+def _have_room(place: tuple[float, float], lane: Lane, following: Lane, network: Mapping[str, Lane]) -> bool:
+    """Whether the lanes beside an internal `lane`, which shift with it, can be eased like it.
+
+    A vehicle beside, on the last of these lanes, would meet a vehicle that is eased while it is not. No lane shifts
+    with a bent one. `place`: as far ahead as the begin of the `following` lane, straight on.
+    """
+    if is_bent(lane.id):
+        return True
+    nearest, step = min((_away(_neighbour(following, side, network), place), side) for side in (1, -1))
+    outer, x, y = following, *place
+    while nearest < _away(following, place) and (beside := _neighbour(lane, step, network)) is not None:
+        after = _neighbour(outer, step, network)
+        if after is None:
+            break
+        (x0, y0), (x1, y1) = outer.points[0], after.points[0]
+        lane, outer, x, y = beside, after, x + x1 - x0, y + y1 - y0
+    return outer is following or _carriageway_between((x, y), outer, network)
+
+
+def _neighbour(lane: Lane, step: int, network: Mapping[str, Lane]) -> Lane | None:
+    """The lane `step` lanes to the left on the same edge; to the right where traffic keeps to the left."""
+    return network.get(f"{lane.edge}_{lane_index(lane.id) + step}")
+
+
 def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mapping[str, Lane]) -> bool:
     """Whether all lanes of the edge between the begin of a lane and a place beside it are carriageway."""
     edge, index, nearest = lane.edge, lane_index(lane.id), _away(lane, place)
-    left, right = (_away(network.get(f"{edge}_{index + step}"), place) for step in (1, -1))
+    left, right = (_away(_neighbour(lane, step, network), place) for step in (1, -1))
     if min(left, right) >= nearest:
         return nearest <= 0.5 * lane.width
     step = 1 if left < right else -1

@@ -67,6 +67,22 @@ def test_a_line_does_not_ease_outside_the_carriageway() -> None:
     assert heights([ROAD, aside, outer], inner, at=[100.0, 106.0, 120.0]) == pytest.approx([0.0, 3.2, 3.2], abs=0.2)
 
 
+def test_lanes_that_shift_together_are_eased_alike() -> None:
+    """Else two cars side by side meet: the way of the outer lane would lead beside the carriageway (Leeds)."""
+    beside = [lane(":j_0_1", (100.0, 3.2), (103.0, 0.0)), THROUGH]
+    found = heights([ROAD, ASIDE, EXIT], *beside, at=[100.0, 105.0, 120.0])
+    assert found == pytest.approx([0.0, -3.2, -3.2], abs=0.2)
+    bent = lane(":j_0_1>0", *ASIDE.points)
+    assert heights([ROAD, bent, EXIT], *beside, at=[105.0]) == pytest.approx([-0.3], abs=0.1)
+    # With room for both, as where a lane is added on the left.
+    third = lane("out_2", (103.0, 3.2), (303.0, 3.2))
+    for path in ([ROAD, ASIDE, EXIT], [lane("in_1", (0.0, 3.2), (100.0, 3.2)), *beside]):
+        before = [(-10.0, path[0].points[0][1])]
+        line, _ = path_line(path, before, {one.id: one for one in (ASIDE, EXIT, *beside, third)})
+        begin, middle = line.at(110.0)[1], line.at(110.0 + 0.5 * 3.2 / SIDEWAYS * LIMIT)[1]
+        assert begin - middle == pytest.approx(1.6, abs=0.1)
+
+
 def test_ways_through_junctions_are_kept() -> None:
     # A turn, a gentle shift across a wide junction, and a far one.
     turn = [lane(":j_1_0", (100.0, 0.0), (108.0, 8.0)), lane("up_0", (108.0, 8.0), (108.0, 99.0))]

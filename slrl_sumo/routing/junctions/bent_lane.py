@@ -15,6 +15,8 @@ from slrl_sumo.sumo.network.lanes import Lane, lane_index
 
 STEEPEST = 1.0
 """Greatest lateral shift, as a share of the length of the internal lane: 45 degrees on average."""
+BENT = ">"
+"""Between the id of an internal lane and the index of the lane to which it is bent."""
 SPACING = 1.0
 """Distance (m) between the points of a bent lane."""
 
@@ -33,4 +35,9 @@ def bent_lane(lane: Lane, target: Lane) -> Lane | None:
     shift = share * share * (3.0 - 2.0 * share)
     shape = places + shift[:, None] * np.array([x1 - x0, y1 - y0])
     length = float(np.hypot(*np.diff(shape, axis=0).T).sum())
-    return replace(lane, id=f"{lane.id}>{lane_index(target.id)}", shape=shape, length=length)
+    return replace(lane, id=f"{lane.id}{BENT}{lane_index(target.id)}", shape=shape, length=length)
+
+
+def is_bent(lane: str) -> bool:
+    """Whether a lane, by its id, is a bent one."""
+    return BENT in lane
