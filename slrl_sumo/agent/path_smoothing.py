@@ -34,11 +34,11 @@ NEIGHBOURS = 3
 CHORD = 3
 """Number of segments spanned by the chords that measure curvature: lanes are drawn with corners."""
 
-CORNER, ROUNDED = 0.15, 0.3
-"""Greatest turn (rad) from chord to chord that counts as a corner of the drawing, and distance (m) by which vehicles
-cut it: less than half of the room beside a car in its lane. Chords grow with the speed, as the spacing of points does:
-without this rounding, a corner of 4.4 degrees on a motorway allowed 26 m/s at 25 m/s, but 13 m/s in a queue at 8
-m/s."""
+ROUNDED = 0.3
+"""Distance (m) by which vehicles cut corners: less than half of the room beside a car in its lane. Chords grow with the
+speed, as the spacing of points does: without this rounding, a corner of 4.4 degrees on a motorway allowed 26 m/s at 25
+m/s, but 13 m/s in a queue at 8 m/s. Rounding at corners of up to 8.6 degrees only, trips in a part of Eskişehir took 11
+instead of 7 % longer than SUMO's."""
 FOLLOWED = 0.5
 """Greatest distance (m) by which smoothing may move a path: less than the room beside a car in a lane of 3.2 m, else
 the car drives over the kerb in right turns, where persons walk and wait. With 1.6 m, 15 instead of 41 of 52 cars passed
@@ -205,17 +205,19 @@ def _bend(x: Floats, y: Floats, bends: Floats, begin: int, end: int) -> None:
 def _rounded(x: Floats, y: Floats, k: int, turn: float, curve: float, spacing: float) -> float:
     """The driven curvature (1/m) at a point with the curvature `curve` and the `turn` (rad) from chord to chord.
 
-    Vehicles round a corner over the length over which this moves the path by ROUNDED.
+    Vehicles round corners over the length over which this moves the path by ROUNDED.
     """
-    if abs(turn) > CORNER:
-        return curve
     chord = min(int(8.0 * ROUNDED / max(abs(turn) * spacing, 1e-6)), k, len(x) - 1 - k)
-    if chord <= CHORD:
-        return curve
-    from_x, from_y, to_x, to_y = x[k] - x[k - chord], y[k] - y[k - chord], x[k + chord] - x[k], y[k + chord] - y[k]
-    lengths = math.sqrt(to_x * to_x + to_y * to_y) + math.sqrt(from_x * from_x + from_y * from_y)
-    longer = math.atan2(to_y * from_x - to_x * from_y, to_x * from_x + to_y * from_y) / max(0.5 * lengths, 0.1)
-    return longer if abs(longer) < abs(curve) else curve
+    while chord > CHORD:
+        from_x, from_y, to_x, to_y = x[k] - x[k - chord], y[k] - y[k - chord], x[k + chord] - x[k], y[k + chord] - y[k]
+        lengths = math.sqrt(to_x * to_x + to_y * to_y) + math.sqrt(from_x * from_x + from_y * from_y)
+        angle = math.atan2(to_y * from_x - to_x * from_y, to_x * from_x + to_y * from_y)
+        # In a longer curve, more of it lies between the ends of longer chords.
+        if abs(angle) * 0.5 * lengths <= 8.0 * ROUNDED:
+            longer = angle / max(0.5 * lengths, 0.1)
+            return longer if abs(longer) < abs(curve) else curve
+        chord //= 2
+    return curve
 
 
 @compiled

@@ -11,7 +11,6 @@ from slrl_sumo.agent.path_smoothing import (
     BRAKING,
     CHORD,
     COMFORT,
-    CORNER,
     FOLLOWED,
     NEIGHBOURS,
     PASSES,
@@ -252,10 +251,13 @@ def driven(path: Floats) -> Floats:
         # The middle of an arc of length L that turns by a is L * a / 8 from the corner of its tangents.
         length = np.inf if turn < 1e-9 else 8.0 * ROUNDED / turn
         reach = min(int(min(length, POINTS * SPACING) / SPACING), k, POINTS - 1 - k)
-        if turn <= CORNER and reach > CHORD:
+        while reach > CHORD:
             before, after = path[k] - path[k - reach], path[k + reach] - path[k]
-            longer = np.angle(after * before.conj()) / (0.5 * (abs(before) + abs(after)))
-            curves[k] = min(curves[k], longer, key=abs)
+            size, angle = 0.5 * (abs(before) + abs(after)), np.angle(after * before.conj())
+            if abs(angle) * size <= 8.0 * ROUNDED:
+                curves[k] = min(curves[k], angle / size, key=abs)
+                break
+            reach //= 2
     return curves
 
 
@@ -273,6 +275,24 @@ def test_a_corner_of_a_fast_road_slows_a_queue_no_more_than_free_traffic() -> No
     long = routes(*[tuple(each * p for p in circle(100.0 / each)) for each in spacing], desired_speed=40.0)
     bent = fitted(replace(long, spacing=spacing), users(*((CAR, v) for v in speeds)), able(0.3, 0.3))
     assert bent.desired_speed == pytest.approx(20.0, rel=0.03)
+
+
+def test_corners_of_streets_are_cut_by_as_much_as_fits_into_the_lane() -> None:
+    # Streets of OpenStreetMap turn by 10 to 20 degrees in one point: 0.3 m beside it fits a circle of 51 m.
+    x = np.minimum(ALONG, 15.0) + np.maximum(ALONG - 15.0, 0.0) * np.cos(0.22)
+    y = np.maximum(ALONG - 15.0, 0.0) * np.sin(0.22)
+    # A bend of 0.5 rad with a radius of 30 m moves by 0.9 m where it is cut as a whole.
+    turned = np.clip((ALONG - 10.0) / 30.0, 0.0, 0.5)
+    before, beyond = np.minimum(ALONG, 10.0), np.maximum(ALONG - 25.0, 0.0)
+    bend = (
+        before + 30.0 * np.sin(turned) + beyond * np.cos(0.5),
+        30.0 - 30.0 * np.cos(turned) + beyond * np.sin(0.5),
+    )
+    found = fitted(routes((x, y), bend, desired_speed=30.0), users((CAR, 12.0), (CAR, 12.0)), able(0.3, 0.3))
+    slowest = found.desired_speed**2 - 2.0 * BRAKING[CAR] * np.array([15.0 - 9.6, 10.0 - 9.6])
+    assert np.sqrt(slowest) == pytest.approx(
+        [np.sqrt(COMFORT * 8.0 * ROUNDED) / 0.22, np.sqrt(COMFORT * 30.0)], rel=0.1
+    )
 
 
 @pytest.mark.parametrize("kind", [CAR, BICYCLE])
