@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
+from slrl_sumo.lookahead.off_surface import JUST_OFF
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
@@ -119,27 +120,33 @@ def force_progress(
 ) -> NDArray[np.bool_] | None:
     """Mask of the modes that n road users may choose, (n, modes).
 
-    A forced road user (`tolerance` above 0, (n,)) may only choose modes that move and have a collision score below its
-    tolerance. `allowed`: mask of the guard; None: all modes. If the guard allows no such mode, its mask does not count
-    for this road user, because standing for ever is no solution.
+    A forced road user (`tolerance` above 0, (n,)) may only choose modes that move, have a collision score below its
+    tolerance, and lead no farther off its own surfaces than its slowest mode, or just off these; without such a mode it
+    is not forced. With the tolerance ANY, surfaces do not count. `allowed`: mask of the guard; None: all modes. If the
+    guard allows no such mode, its mask does not count for this road user, because standing for ever is no solution.
     """
     if not tolerance.any():
         return allowed
     before = np.ones(rollouts.collision.shape, np.bool_) if allowed is None else allowed
-    return _force_progress(rollouts.collision, np.ascontiguousarray(rollouts.speed), tolerance, before)
+    speed = np.ascontiguousarray(rollouts.speed)
+    return _force_progress(rollouts.collision, rollouts.off_surface, speed, tolerance, before)
 
 
 @compiled
 def _force_progress(
-    collision: Floats, speed: Floats, tolerance: Floats, allowed: NDArray[np.bool_]
+    collision: Floats, off_surface: Floats, speed: Floats, tolerance: Floats, allowed: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     modes, moving = allowed.copy(), np.empty(allowed.shape[1], np.bool_)
     for row in range(len(tolerance)):
         if tolerance[row] == 0.0:
             continue
-        some, both = False, False
+        some, both, slowest = False, False, 0
+        for mode in range(len(moving)):
+            slowest = mode if speed[row, mode] < speed[row, slowest] else slowest
+        most = math.inf if tolerance[row] >= ANY else max(off_surface[row, slowest], JUST_OFF)
         for mode in range(len(moving)):
             moving[mode] = speed[row, mode] > MOVING and collision[row, mode] < tolerance[row]
+            moving[mode] &= off_surface[row, mode] <= most
             some |= moving[mode]
             both |= moving[mode] and modes[row, mode]
         if some:

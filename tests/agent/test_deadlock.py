@@ -8,6 +8,7 @@ from builders import make_routes, make_world
 
 from slrl_sumo.agent.deadlock import ANY, BLOCKED, IDLE, LONG, NEAR, SOON, SPREAD, DeadlockTimer, force_progress
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
+from slrl_sumo.lookahead.off_surface import JUST_OFF
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.capability import STOPPING, Capability
 from slrl_sumo.perception.route_context import GAP, RouteContext, route_context
@@ -156,6 +157,24 @@ def test_only_modes_that_move_and_do_not_collide_soon_are_left() -> None:
     # Where every way on is blocked, one waits.
     collision[0, 1:] = 1.0
     assert force_progress(rollouts, np.array([1.0]), None).all()  # type: ignore[union-attr]
+
+
+def test_who_is_forced_does_not_leave_the_ground() -> None:
+    """Persons in a crowd at a corner were forced off it by more than 1 m, where they stayed until the way was free."""
+    none, speed = np.zeros((1, 4)), np.array([[0.0, 1.2, 1.2, 1.2]])
+
+    def left(off_surface: list[float], tolerance: float = SOON) -> list[bool]:
+        rollouts = ModeRollouts(none, none, none, np.array([off_surface]), speed, none)
+        modes = force_progress(rollouts, np.array([tolerance]), None)
+        assert modes is not None
+        return modes[0].tolist()
+
+    assert left([0.0, 0.0, JUST_OFF, 0.5]) == [False, True, True, False]
+    # Off it already, no farther.
+    assert left([0.5, 0.5, 0.25, 0.75]) == [False, True, True, False]
+    # With no other way on, one stands, until any mode counts.
+    assert left([0.0, 0.5, 0.5, 0.5]) == [True] * 4
+    assert left([0.0, 0.5, 0.5, 0.5], ANY) == [False, True, True, True]
 
 
 def test_road_users_without_a_route_are_not_forced() -> None:
