@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import accumulate
 
 from slrl_sumo.routing.junctions.bent_lane import is_bent
 from slrl_sumo.routing.polyline import Polyline, direction_between, line_through
@@ -36,10 +35,14 @@ def path_line(
             last.append(len(points) - 1)
             k += 1
             continue
-        lengths = list(accumulate(lane.length for lane in lanes[k : curve.after]))
-        pieces = len(curve.points)
-        last += [len(points) - 1 + round(length / lengths[-1] * pieces) for length in lengths]
-        points += [*curve.points, *curve.rest[1:]]
+        # A vehicle passes the line at the end of a lane where the curve is nearest to it.
+        bend, begin = line_through([points[-1], *curve.points])[0], 0.0
+        for lane in lanes[k : curve.after]:
+            end = bend.nearest(*lane.points[-1], begin)[0]
+            points += bend.between(begin, end)[1:]
+            last.append(len(points) - 1)
+            begin = end
+        points += [*bend.between(begin, bend.end)[1:], *curve.rest[1:]]
         last.append(len(points) - 1)
         k = curve.after + 1
     points.append(_beyond(points))

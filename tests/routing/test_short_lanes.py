@@ -38,6 +38,9 @@ def test_a_curve_takes_the_place_of_lanes_that_lead_aside_and_backwards() -> Non
     assert line.at(ends[0])[:2] == pytest.approx(IN.points[-1])
     assert line.at(ends[-1])[:2] == pytest.approx(OUT.points[-1])
     assert 4.0 < ends[3] - ends[0] < 14.0
+    # Vehicles stop beside SUMO's lines: up to 3 m past one, they counted as past the signal (The Hague).
+    for lane, begin, end in zip(lanes[1:4], ends, ends[1:4], strict=False):
+        assert line.place(*lane.points[-1], begin, math.inf)[0] == pytest.approx(end, abs=0.05)
 
 
 def test_lanes_that_a_vehicle_can_follow_are_kept() -> None:
