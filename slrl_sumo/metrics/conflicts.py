@@ -152,7 +152,8 @@ def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT, level
                 at_j = _moved(box[begin[j]], move[j], turn[j], share_j)
                 angle = crossing_angle(at_i[:, 2], at_j[:, 2])
                 here = np.flatnonzero((angle >= REAR_END) & boxes_overlap(at_i, at_j))
-                here = here[together(levels, at_i[here, :3], at_j[here, :3])]
+                if len(levels.x):
+                    here = here[together(levels, at_i[here, :3], at_j[here, :3])]
                 arrival = t.frame[begin[i[here]]] * dt + max(share_i, lag + share_j) * dt
                 place = 0.5 * (at_i[here, :2] + at_j[here, :2])
                 value = np.full(len(here), 0.0 if abs(apart) < 1e-9 else abs(apart))

@@ -83,6 +83,8 @@ def touching_soon(
     ttc = time_to_collision(a=box[i], b=box[j], velocity_a=velocity[i], velocity_b=velocity[j])
     soon = ttc < below
     i, j, ttc = i[soon], j[soon], ttc[soon]
+    if not len(levels.x):
+        return i, j, ttc
     mine, theirs = (np.column_stack([box[k, :2] + ttc[:, None] * velocity[k], box[k, 2]]) for k in (i, j))
     same = together(levels, mine, theirs)
     return i[same], j[same], ttc[same]

@@ -108,15 +108,14 @@ def _have_room(place: tuple[float, float], lane: Lane, following: Lane, network:
     """
     if is_bent(lane.id):
         return True
-    nearest, step = min((_away(_neighbour(following, side, network), place), side) for side in (1, -1))
-    outer, x, y = following, *place
-    while nearest < _away(following, place) and (beside := _neighbour(lane, step, network)) is not None:
-        after = _neighbour(outer, step, network)
-        if after is None:
-            break
-        (x0, y0), (x1, y1) = outer.points[0], after.points[0]
-        lane, outer, x, y = beside, after, x + x1 - x0, y + y1 - y0
-    return outer is following or _carriageway_between((x, y), outer, network)
+    step = _step_towards(place, following, network)
+    if not step:
+        return True
+    outer, beside = following, _neighbour(lane, step, network)
+    while beside is not None and (after := _neighbour(outer, step, network)) is not None:
+        outer, beside = after, _neighbour(beside, step, network)
+    (x0, y0), (x1, y1) = following.points[0], outer.points[0]
+    return outer is following or _carriageway_between((place[0] + x1 - x0, place[1] + y1 - y0), outer, network)
 
 
 def _neighbour(lane: Lane, step: int, network: Mapping[str, Lane]) -> Lane | None:
@@ -126,20 +125,24 @@ def _neighbour(lane: Lane, step: int, network: Mapping[str, Lane]) -> Lane | Non
 
 def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mapping[str, Lane]) -> bool:
     """Whether all lanes of the edge between the begin of a lane and a place beside it are carriageway."""
-    edge, index, nearest = lane.edge, lane_index(lane.id), _away(lane, place)
-    left, right = (_away(_neighbour(lane, step, network), place) for step in (1, -1))
-    if min(left, right) >= nearest:
+    nearest, step = _away(lane, place), _step_towards(place, lane, network)
+    if not step:
         return nearest <= 0.5 * lane.width
-    step = 1 if left < right else -1
-    while True:
-        index += step
-        between = network.get(f"{edge}_{index}")
-        if between is None or between.surface != lane.surface:
-            return False
+    between = _neighbour(lane, step, network)
+    while between is not None and between.surface == lane.surface:
         away = _away(between, place)
         if away <= 0.5 * between.width or away >= nearest:
             return True
-        nearest = away
+        between, nearest = _neighbour(between, step, network), away
+    return False
+
+
+def _step_towards(place: tuple[float, float], lane: Lane, network: Mapping[str, Lane]) -> int:
+    """The step, see `_neighbour`, to the lane beside a lane that begins nearer to a place; 0 without one."""
+    left, right = (_away(_neighbour(lane, step, network), place) for step in (1, -1))
+    if min(left, right) >= _away(lane, place):
+        return 0
+    return 1 if left < right else -1
 
 
 def _away(lane: Lane | None, place: tuple[float, float]) -> float:

@@ -72,8 +72,6 @@ def together(levels: Levels, places: Floats, others: Floats) -> NDArray[np.bool_
 
     `places`, `others`: (k, 3), x, y (m) and heading (rad).
     """
-    if not len(levels.x):
-        return np.ones(len(places), np.bool_)
     there = [
         np.column_stack([x_y, np.cos(heading), np.sin(heading)]).tolist()
         for x_y, heading in ((each[:, :2], each[:, 2]) for each in (places, others))

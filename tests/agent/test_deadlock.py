@@ -159,7 +159,7 @@ def test_only_modes_that_move_and_do_not_collide_soon_are_left() -> None:
     assert force_progress(rollouts, np.array([1.0]), None).all()  # type: ignore[union-attr]
 
 
-def test_who_is_forced_does_not_leave_the_ground() -> None:
+def test_a_forced_road_user_does_not_leave_the_ground() -> None:
     """Persons in a crowd at a corner were forced off it by more than 1 m, where they stayed until the way was free."""
     none, speed = np.zeros((1, 4)), np.array([[0.0, 1.2, 1.2, 1.2]])
 

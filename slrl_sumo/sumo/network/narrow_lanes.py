@@ -113,9 +113,10 @@ def _gaps(points: Floats, lane: NDArray[np.int64]) -> tuple[Floats, Floats]:
 def _tapered(along: Floats, aside: Floats) -> Floats:
     """At least `aside` (m), as far as the line can move aside by half of APART within TAPER, and 0 at both ends."""
     slope = 0.5 * APART / TAPER
-    reached: Floats = (aside - slope * np.abs(along[:, None] - along)).max(axis=1)
+    ahead = np.maximum.accumulate(aside + slope * along) - slope * along
+    behind = np.maximum.accumulate((aside - slope * along)[::-1])[::-1] + slope * along
     taper = min(TAPER, 0.5 * along[-1])
-    return np.asarray(np.maximum(reached, 0.0) * np.clip(np.minimum(along, along[-1] - along) / taper, 0.0, 1.0))
+    return np.asarray(np.maximum(ahead, behind) * np.clip(np.minimum(along, along[-1] - along) / taper, 0.0, 1.0))
 
 
 def _moved(points: Floats, left: Floats) -> Floats:
