@@ -16,6 +16,7 @@ from slrl_sumo.routing.route_lane_changes import RouteLaneChanges
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
+from slrl_sumo.sumo.network.lane_ends import cut_back
 from slrl_sumo.sumo.network.lane_state import LaneState
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
 from slrl_sumo.sumo.network.links import LaneLinks
@@ -53,6 +54,7 @@ class LaneGraph:
         self.links = LaneLinks(api, network)
         self.lanes = {lane.id: lane for lane in network.lanes}
         self.lanes.update((lane.id, lane) for lane in moved_apart(network.lanes))
+        self.lanes.update((lane.id, lane) for lane in cut_back(self.lanes, self.links))
         self.inside: dict[str, list[str]] = {}
         """The internal lanes of each junction (see `junction_of`), with pedestrian crossings, without walking areas."""
         self.version = 0
