@@ -236,11 +236,12 @@ class Routes:
         """
         # The junction that the vehicle is in does not count: it may already block others, so it drives on.
         here = junction_of(track.history.entry) if track.history.entry else ""
-        crossed = (e for e, _ in entries if e.junction != here and self._reservations.is_crossed(e))
-        entry = next(crossed, None)
+        ends = ((e, self._reservations.crossed_until(e)) for e, _ in entries if e.junction != here)
+        crossed = ((e, end) for e, end in ends if end > e.stop_line)
+        entry, end = next(crossed, (None, math.inf))
         if entry is not None:
             route.keep_clear_line[i] = entry.stop_line - track.s
-            route.keep_clear_exit[i] = exit_with_room(entry, crossed, length) - track.s
+            route.keep_clear_exit[i] = end_with_room(end, crossed, length) - track.s
             pause, exits = stops_inside(track, entry)
             route.waiting_position[i] = pause if pause < exits else -math.inf
 
@@ -268,18 +269,19 @@ def _turned(track: VehicleTrack, heading: float, s: float) -> float:
     return abs(math.remainder(heading - track.path.line.at(s)[2], math.tau))
 
 
-def exit_with_room(first: JunctionEntry, following: Iterable[JunctionEntry], length: float) -> float:
-    """Position (m along the path) of the first exit, from the `first` entry on, after which a vehicle has room to
-    stand.
+def end_with_room(first: float, following: Iterable[tuple[JunctionEntry, float]], length: float) -> float:
+    """Position (m along the path), from the `first` one on, after which a vehicle has room to stand.
 
     In a row of junctions, a vehicle of this `length` (m) must not stop between two junctions without room for it.
-    `following`: the entries after the first.
+    Only the part of a junction that others cross counts: vehicles that waited for room behind the whole junction
+    entered one of 18 m, of which others cross 10 m, one per cycle of its signal.
+    `first`, and `following` with each of the next entries: `JunctionReservations.crossed_until` (m along the path).
     """
-    room = first.exit
-    for entry in following:
+    room = first
+    for entry, end in following:
         if entry.stop_line - room >= length + STOP_LINE:
             break
-        room = max(room, entry.exit)
+        room = max(room, end)
     return room
 
 

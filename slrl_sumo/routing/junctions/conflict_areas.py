@@ -8,7 +8,7 @@ import numpy as np
 
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import junction_of
-from slrl_sumo.routing.lane_proximity import near_parts, sampled
+from slrl_sumo.routing.lane_proximity import SPACING, near_parts, sampled
 from slrl_sumo.scene.geometry import Floats
 
 SWING, LONG = 0.1, 5.0
@@ -77,25 +77,28 @@ class ConflictAreas:
         self._points: dict[str, Floats] = {}
         self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
         self._ways: dict[tuple[str, ...], Way] = {}
-        self._crossed: dict[str, bool] = {}
+        self._crossed_until: dict[str, float] = {}
         self._of_ways: dict[tuple[Way, Way, float, float], tuple[SharedArea, ...]] = {}
 
-    def is_crossed(self, via: str) -> bool:
-        """Whether other lanes or pedestrian crossings cross the way that begins with the internal lane `via`.
+    def crossed_until(self, via: str) -> float:
+        """Distance (m) from the begin of the internal lane `via` to where no other lane or pedestrian crossing crosses
+        its way any more, at most SPACING too far; 0 if none does.
 
         Lanes of the same origin, and ways to the same target lane, do not count.
         """
-        crossed = self._crossed.get(via)
-        if crossed is None:
+        until = self._crossed_until.get(via)
+        if until is None:
             lanes, target = self._through(via)
-            crossed = self._crossed[via] = any(
-                self._graph.origin(other) != self._graph.origin(via)
-                and self._through(other)[1] != target
-                and self.between(lane, other, CROSSED) is not None
-                for lane in lanes
-                for other in self._graph.inside[junction_of(via)]
-            )
-        return crossed
+            before = until = 0.0
+            for lane in lanes:
+                for other in self._graph.inside[junction_of(via)]:
+                    if self._graph.origin(other) == self._graph.origin(via) or self._through(other)[1] == target:
+                        continue
+                    if (area := self.between(lane, other, CROSSED)) is not None:
+                        until = max(until, before + area.end + SPACING)
+                before += self._points_of(lane).item(-1, 2)
+            self._crossed_until[via] = until
+        return until
 
     def _through(self, via: str) -> tuple[tuple[str, ...], str]:
         """The internal lanes from `via` on, and the lane after the junction ('' without one)."""

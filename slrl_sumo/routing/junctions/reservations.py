@@ -170,9 +170,10 @@ class JunctionReservations:
         passing = self._passing(vehicle, track, entry, through, priority=priority, size=size, too_late=False)
         return passing is not None
 
-    def is_crossed(self, entry: JunctionEntry) -> bool:
-        """Whether other ways cross the way that begins at an entry, so that a vehicle must not stand on it."""
-        return self._areas.is_crossed(entry.via)
+    def crossed_until(self, entry: JunctionEntry) -> float:
+        """Position (m along the path) from which no other way crosses that of an entry any more; that of the line if
+        none does. A vehicle must not stand before it."""
+        return min(entry.stop_line + self._areas.crossed_until(entry.via), entry.exit)
 
     def free_since(self, vehicle: str) -> float:
         """Time (s) since which a vehicle has stood before a line although its way is free of reservations; else inf."""

@@ -11,7 +11,7 @@ from slrl_sumo.routing.junctions.reservations import JunctionReservations
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import JunctionEntry, LanePath, junction_of
-from slrl_sumo.routing.routes import exit_with_room
+from slrl_sumo.routing.routes import end_with_room
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from tests.builders import make_scenario, make_track, make_world
@@ -79,14 +79,13 @@ NODES = (
 @pytest.mark.parametrize(("gap", "end"), [(3.0, 40.0), (20.0, 20.0)])
 def test_between_two_junctions_there_may_be_no_room_to_stand(gap: float, end: float) -> None:
     # A junction with a waiting position inside, and another one `gap` m behind it.
-    first = JunctionEntry(10.0, "a_0", ":c_0_0", "b_0", 20.0, waits=15.0)
     inner = JunctionEntry(15.0, ":c_0_0", ":c_1_0", "b_0", 20.0)
     second = JunctionEntry(20.0 + gap, "b_0", ":d_0_0", "e_0", 40.0)
-    assert exit_with_room(first, (inner, second), 5.0) == end
-    assert exit_with_room(inner, (second,), 5.0) == end
-    assert exit_with_room(second, (), 5.0) == 40.0
+    assert end_with_room(20.0, ((inner, 20.0), (second, 40.0)), 5.0) == end
+    assert end_with_room(20.0, ((second, 40.0),), 5.0) == end
+    assert end_with_room(40.0, (), 5.0) == 40.0
     # A bicycle has room where a car has none.
-    assert exit_with_room(first, (inner, second), 1.6) == 20.0
+    assert end_with_room(20.0, ((inner, 20.0), (second, 40.0)), 1.6) == 20.0
 
 
 def _through_two_junctions(graph: LaneGraph) -> LanePath:
