@@ -5,13 +5,13 @@ from pathlib import Path
 
 import libsumo
 import pytest
+from builders import make_lane, make_scenario
 
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.sumo.network.lane_ends import cut_back
 from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.builders import make_lane, make_scenario
 
 STREET = make_lane("street_0", (0.0, 0.0), (50.0, 0.0))
 CORNER = make_lane("corner_0", (48.0, -1.0), (48.0, -50.0))
