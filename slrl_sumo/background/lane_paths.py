@@ -33,7 +33,7 @@ class Paths:
     def clear(self) -> None:
         """Drop all paths; all row numbers become invalid."""
         self._rows: dict[tuple[str, ...], int] = {}
-        self._points = np.zeros((4096, 2))
+        self._points, self._inside = np.zeros((4096, 2)), np.zeros(4096, np.bool_)
         self._used = 0
         self._table = np.zeros((256, 3))
         """For each row: index of its first and last point, and m of the shape per m of SUMO's lane length."""
@@ -76,11 +76,13 @@ class Paths:
             length += self._lanes[chain[-1]].length
         return tuple(chain)
 
-    def sample(self, rows: NDArray[np.intp], lane_position: Floats, count: int) -> tuple[Floats, Floats, Floats]:
+    def sample(
+        self, rows: NDArray[np.intp], lane_position: Floats, count: int
+    ) -> tuple[Floats, Floats, NDArray[np.bool_], Floats]:
         """Points every `SPACING` m on n paths, beginning at `lane_position` (m along SUMO's lane, (n,)).
 
-        Returns x, y in m, (n, count), and the remaining length of each path in m, (n,). Beyond the end of a path, its
-        last point is repeated.
+        Returns x, y in m and whether the point is inside a junction, (n, count) each, and the remaining length of each
+        path in m, (n,). Beyond the end of a path, its last point is repeated.
         """
         table = self._table[rows]
         start, last, scale = table[:, 0].astype(np.intp), table[:, 1].astype(np.intp), table[:, 2]
@@ -89,9 +91,10 @@ class Paths:
         first = np.floor(along).astype(np.intp)
         share = (along - first)[:, None, None]
         index = (start + first)[:, None] + np.arange(count + 1)
-        points = self._points[np.minimum(index, last[:, None])]
+        index = np.minimum(index, last[:, None])
+        points, room = self._points[index], np.maximum((last - start - along) * SPACING, 0.0)
         points = points[:, :-1] + share * np.diff(points, axis=1)
-        return points[..., 0], points[..., 1], np.maximum((last - start - along) * SPACING, 0.0)
+        return points[..., 0], points[..., 1], self._inside[index[:, :-1]], room
 
     def _continues(self, lane: str, edge: str) -> bool:
         return any(self._lanes[target].edge == edge for target, _ in self._links(lane))
@@ -101,7 +104,11 @@ class Paths:
         points = resampled(np.concatenate([lane.shape for lane in lanes]), SPACING)
         while self._used + len(points) > len(self._points):
             self._points = np.concatenate([self._points, np.zeros_like(self._points)])
-        self._points[self._used : self._used + len(points)] = points
+            self._inside = np.concatenate([self._inside, np.zeros_like(self._inside)])
+        ends = np.cumsum([_length(lane) for lane in lanes])
+        on = np.minimum(np.searchsorted(ends, SPACING * np.arange(len(points)), "right"), len(lanes) - 1)
+        added = slice(self._used, self._used + len(points))
+        self._points[added], self._inside[added] = points, np.array([lane.internal for lane in lanes])[on]
         row = len(self._rows)
         if row == len(self._table):
             self._table = np.concatenate([self._table, np.zeros_like(self._table)])

@@ -131,11 +131,24 @@ def _conflicts(
     return enter, leave
 
 
-def speed_along(
-    ahead: Sweep, vehicle: NDArray[np.intp], enter: Floats, boxes: Floats, agent: NDArray[np.intp], speed: Floats
+def touched(enter: Floats) -> NDArray[np.intp]:
+    """Index of the place ahead at which a vehicle first touches a road user, (p, q); 0 without a touch.
+
+    `enter`: see `conflicts`.
+    """
+    return np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
+
+
+def cosine_at_touch(
+    ahead: Sweep, vehicle: NDArray[np.intp], place: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp]
 ) -> Floats:
-    """Speed (m/s) of the road users in the direction of the vehicles at the touch, (p, q); 0 for crossing road
-    users."""
-    place = np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
-    along = cos_sin(boxes[agent, :, 2] - ahead.heading[vehicle[:, None], place])[0]
-    return np.where(along > LEADER_COSINE, speed[agent, None] * along, 0.0)
+    """Cosine of the angle between the directions of vehicles and road users at a `place` ahead, (p, q)."""
+    return cos_sin(boxes[agent, :, 2] - ahead.heading[vehicle[:, None], place])[0]
+
+
+def speed_along(cosine: Floats, speed: Floats) -> Floats:
+    """Speed (m/s) of road users in the direction of vehicles, (p, q); 0 for crossing road users.
+
+    `cosine`: see `cosine_at_touch`, (p, q). `speed`: m/s, (p,).
+    """
+    return np.where(cosine > LEADER_COSINE, speed[:, None] * cosine, 0.0)

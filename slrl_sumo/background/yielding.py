@@ -17,7 +17,7 @@ from slrl_sumo.background.lane_paths import SPACING, Paths
 from slrl_sumo.background.persons import YieldingPersons
 from slrl_sumo.background.safe_speed import STOP_SHORT, safe_speeds
 from slrl_sumo.background.swept_boxes import sweep
-from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
+from slrl_sumo.background.swept_conflicts import approaching, conflicts, cosine_at_touch, speed_along, touched
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
@@ -38,6 +38,10 @@ LONGEST_VEHICLE_WAIT = 20.0
 """Standing time (s) after which a vehicle slowly passes a road user that stands on its lane, if SUMO allows it: in
 SUMO's networks, vehicles touch vehicles that wait beside their lane. By then, blocked learned road users try to move
 (agent/deadlock.py)."""
+ONCOMING = -0.8
+"""Cosine of the angle between the directions of a vehicle and of a road user that stands on its lane, outside
+junctions, below which the vehicle passes it at once: neither would go on before the other. Some networks draw the lanes
+of both directions over each other."""
 
 
 class Yielding:
@@ -148,7 +152,8 @@ class Yielding:
         speed, length, heading = snapshot.speed[rows], snapshot.length[rows], snapshot.heading[rows]
         front_x, front_y = front_from_centre(snapshot.x[rows], snapshot.y[rows], heading, length)
         count = int(look[chosen].max() / SPACING) + 2
-        path_x, path_y, room = self._paths.sample(self._path_rows(snapshot, rows), snapshot.lane_position[rows], count)
+        paths = self._path_rows(snapshot, rows)
+        path_x, path_y, inside, room = self._paths.sample(paths, snapshot.lane_position[rows], count)
         size = np.column_stack([length, snapshot.width[rows]])
         boxes, moments, committed = forecast(learned, context)
         vehicle, agent = np.nonzero(near)
@@ -166,12 +171,15 @@ class Yielding:
         # A vehicle slows down beside standing road users, and stops for road users on its path.
         patient = np.array([self._stood.get(snapshot.ids[row], 0.0) < LONGEST_VEHICLE_WAIT for row in rows], np.bool_)
         on_lanes = np.zeros(len(learned), np.bool_) if context is None else context.route.known
-        passes = ~patient[vehicle] & (on_lanes & (learned.type != PEDESTRIAN) & (moments == 1))[agent]
         margin = np.append(np.zeros(len(agent)), np.full(len(standing), STANDING_MARGIN))
         vehicle, agent = np.append(vehicle, vehicle[standing]), np.append(agent, agent[standing])
-        beside = np.append(passes, np.ones(len(standing), np.bool_))
         enter, leave = conflicts(ahead, vehicle, boxes, agent, moments, margin, self._levels)
-        leading = speed_along(ahead, vehicle, enter, boxes, agent, learned.speed)
+        place = touched(enter)
+        cosine = cosine_at_touch(ahead, vehicle, place, boxes, agent)
+        leading = speed_along(cosine, learned.speed[agent])
+        oncoming = (cosine[:, 0] < ONCOMING) & ~inside[close][vehicle, place[:, 0]]
+        beside = (~patient[vehicle] | oncoming) & (on_lanes & (learned.type != PEDESTRIAN) & (moments == 1))[agent]
+        beside[len(beside) - len(standing) :] = True
         certain = np.where(beside, -1.0, np.where(moments[agent] == 1, np.inf, committed[agent]))
         target, hard = safe_speeds(
             enter, leave, leading, moments[agent], certain, speed[vehicle], limits[vehicle], self._dt, self._dt

@@ -79,7 +79,7 @@ def test_a_vehicle_inside_a_junction_at_the_end_of_its_route_still_leaves_it(pat
 
 def test_points_lie_every_half_metre_from_the_vehicle_on(paths: Paths) -> None:
     rows = np.array([paths.row("a_0", ("b",), "passenger"), paths.row("a_0", ("d",), "passenger")])
-    x, y, room = paths.sample(rows, np.array([10.2, 39.0]), 60)
+    x, y, _, room = paths.sample(rows, np.array([10.2, 39.0]), 60)
     np.testing.assert_allclose(x[0], 10.2 + SPACING * np.arange(60), atol=1e-9)
     np.testing.assert_allclose(y[0], 0.0, atol=1e-9)
     assert room[0] == pytest.approx(79.8, abs=SPACING)
@@ -90,15 +90,21 @@ def test_points_lie_every_half_metre_from_the_vehicle_on(paths: Paths) -> None:
     assert (x[1, -1], y[1, -1]) == pytest.approx((50.0, 20.0), abs=3.0)
 
 
+def test_points_inside_junctions_are_marked(paths: Paths) -> None:
+    x, _, inside, _ = paths.sample(np.array([paths.row("a_0", ("b",), "passenger")]), np.array([30.2]), 60)
+    assert (x[inside].min(), x[inside].max()) == (pytest.approx(40.0, abs=SPACING), pytest.approx(50.0, abs=SPACING))
+    assert inside.sum() == pytest.approx(10.0 / SPACING, abs=1.0)
+
+
 def test_past_the_end_of_the_way_its_last_point_recurs(paths: Paths) -> None:
-    x, _, room = paths.sample(np.array([paths.row("a_0", (), "passenger")]), np.array([38.0]), 12)
+    x, _, _, room = paths.sample(np.array([paths.row("a_0", (), "passenger")]), np.array([38.0]), 12)
     assert room[0] == pytest.approx(2.0)
     np.testing.assert_allclose(x[0, 4:], 40.0)
 
 
 def test_positions_on_a_lane_are_in_sumos_measure() -> None:
     paths = Paths(WITHOUT_LINKS, Network((lane("long_0", [(0, 0), (40, 0)], length=80.0),), ()))
-    x, _, room = paths.sample(np.array([paths.row("long_0", (), "passenger")]), np.array([60.0]), 3)
+    x, _, _, room = paths.sample(np.array([paths.row("long_0", (), "passenger")]), np.array([60.0]), 3)
     assert x[0, 0] == pytest.approx(30.0)
     assert room[0] == pytest.approx(10.0)
 
@@ -108,7 +114,7 @@ def test_the_same_way_is_kept_once_and_the_pool_grows(paths: Paths) -> None:
     assert paths.row("a_0", ("b",), "passenger") == row
     assert paths.row("a_0", ("d",), "passenger") != row
     long = Paths(WITHOUT_LINKS, Network((lane("x_0", [(0, 0), (9000, 0)]),), ()))
-    x, _, _ = long.sample(np.array([long.row("x_0", (), "passenger")]), np.array([8990.0]), 4)
+    x, _, _, _ = long.sample(np.array([long.row("x_0", (), "passenger")]), np.array([8990.0]), 4)
     np.testing.assert_allclose(x[0], 8990.0 + SPACING * np.arange(4))
 
 

@@ -9,7 +9,7 @@ from builders import make_levels, make_world
 from slrl_sumo.background.forecast import MOMENTS, forecast
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.swept_boxes import Sweep, sweep
-from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
+from slrl_sumo.background.swept_conflicts import approaching, conflicts, cosine_at_touch, speed_along, touched
 from slrl_sumo.scene.levels import FLAT
 from slrl_sumo.scene.state import WorldState
 
@@ -96,7 +96,8 @@ def test_in_a_right_turn_the_way_meets_a_cyclist_beside_it() -> None:
 def test_speed_along_the_way_is_that_of_road_users_that_lead(heading: float, along: float) -> None:
     user = road_user(20.0, 0.0, heading, 3.0)
     enter = np.where(MOMENTS == 0.0, 19.5, np.inf)[None]
-    speed = speed_along(straight_on(), ONE, enter, forecast(user).boxes, ONE, user.speed)
+    cosine = cosine_at_touch(straight_on(), ONE, touched(enter), forecast(user).boxes, ONE)
+    speed = speed_along(cosine, user.speed[ONE])
     assert speed[0, 0] == pytest.approx(along, abs=1e-9)
 
 

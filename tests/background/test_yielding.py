@@ -26,7 +26,7 @@ from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.speed_control import DISREGARDS_INSIDE_BIT
 
 STEP = 0.4
-NORTH, SOUTH = np.pi / 2, -np.pi / 2
+NORTH, SOUTH, WEST = np.pi / 2, -np.pi / 2, np.pi
 CAR = "car"
 ROUTES = """<routes>
     <vType id="c" vClass="passenger" sigma="0" speedDev="0"/>
@@ -299,15 +299,31 @@ def test_ways_are_sampled_closer_than_the_distance_kept() -> None:
 @pytest.mark.parametrize("width", [1.8, 2.6])
 def test_a_car_passes_one_that_waits_on_its_lane_after_a_while(session: SumoSession, width: float) -> None:
     scene = Scene(session, RoadUserType.CAR, width=width)
-    waiting = scene.x - 1.7, scene.y, SOUTH
+    waiting = scene.x - 3.2, scene.y, WEST
     for k in range(60):
-        scene.step(waiting if k > 1 else scene.home, path=SOUTH)
+        scene.step(waiting if k > 1 else scene.home, path=WEST)
     assert scene.speeds[-1] < 0.1
     for _ in range(40):
-        scene.step(waiting, path=SOUTH)
+        scene.step(waiting, path=WEST)
     assert scene.distances[-1] < -8.0
     # Without a route it is not known to be on its lane.
     assert scene.yielding.held == frozenset()
+
+
+@pytest.mark.parametrize(("on_route", "passes"), [(True, True), (False, False)])
+def test_a_car_passes_an_oncoming_one_that_stands_on_its_lane_at_once(
+    session: SumoSession, on_route: bool, passes: bool
+) -> None:
+    """Some networks draw the lanes of both directions over each other, and each would wait for the other."""
+    scene = Scene(session, RoadUserType.CAR)
+    for k in range(60):
+        scene.step((scene.x - 1.7, scene.y, SOUTH) if k > 1 else scene.home, path=SOUTH if on_route else None)
+    beside = np.array(scene.speeds)[np.abs(scene.distances) < 4.0]
+    if passes:
+        assert scene.distances[-1] < -8.0
+        assert beside.min() == pytest.approx(2.0, abs=0.3)
+    else:
+        assert scene.speeds[-1] < 0.1
 
 
 def test_a_car_slows_down_beside_one_that_stands_close(session: SumoSession) -> None:

@@ -9,7 +9,7 @@ from slrl_sumo.background.forecast import forecast
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.safe_speed import safe_speeds
 from slrl_sumo.background.swept_boxes import sweep
-from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
+from slrl_sumo.background.swept_conflicts import approaching, conflicts, cosine_at_touch, speed_along, touched
 from slrl_sumo.scene.geometry import Floats, cos_sin, front_from_centre
 from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
@@ -77,7 +77,8 @@ def slowed(approach: Approach, world: WorldState, dt: float, levels: Levels = FL
         count, certain = moments[other], np.full(len(other), np.inf)
         margin = np.where((count == 1) & walks[other], MARGIN, 0.0)
         enter, leave = conflicts(mine, vehicle, boxes, other, moments, margin, levels)
-        leading = speed_along(mine, vehicle, enter, boxes, other, world.speed)
+        cosine = cosine_at_touch(mine, vehicle, touched(enter), boxes, other)
+        leading = speed_along(cosine, world.speed[other])
         mine_speed, limits = approach.speed[vehicle], approach.limits[vehicle]
         target, _ = safe_speeds(enter, leave, leading, count, certain, mine_speed, limits, dt, 0.0)
         np.minimum.at(safe, vehicle, target)
