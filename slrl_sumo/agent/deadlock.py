@@ -35,8 +35,11 @@ LONG, NEAR = 45.0, 2.0
 """Standing time (s) without a reason within NEAR (m) of one place after which a vehicle may choose each mode without an
 immediate collision, and a pedestrian any mode, as SUMO's persons walk through each other in a jam. A car that was
 forced to creep by 0.2 m at a time, and two persons in contact before it, stood on a crossing for 200 s."""
-ANY = 2.0
-"""Tolerance of all collision scores."""
+LONGEST = 90.0
+"""The same (s) after which a vehicle may choose each mode on its own surfaces: two that touch collide at once in each
+mode that moves, and one across the lanes of a street stopped them for the rest of a run. SUMO teleports after 300 s."""
+THROUGH, ANY = 1.5, 2.0
+"""Tolerances of all collision scores: on the own surfaces, and anywhere."""
 SOON = 0.6
 """Collision score of a collision after 1.6 s."""
 MOVING = 0.5
@@ -85,7 +88,7 @@ class DeadlockTimer:
             name, blocked = users.ids[row], self._blocked_time(users, row)
             # A vehicle at the end of a queue is not forced: it would drive into its leader.
             if stood[name] >= (IDLE if free[row] else math.inf if queues[row] else _limit(name)):
-                long = ANY if users.type[row] == PEDESTRIAN else 1.0
+                long = ANY if users.type[row] == PEDESTRIAN else 1.0 if blocked < LONGEST else THROUGH
                 forced[name] = users.time + FORCED, long if blocked >= LONG else SOON
         self._stood, self._forced = stood, forced
         tolerance = np.zeros(len(users))

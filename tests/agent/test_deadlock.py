@@ -6,7 +6,19 @@ import numpy as np
 import pytest
 from builders import make_routes, make_world
 
-from slrl_sumo.agent.deadlock import ANY, BLOCKED, IDLE, LONG, NEAR, SOON, SPREAD, DeadlockTimer, force_progress
+from slrl_sumo.agent.deadlock import (
+    ANY,
+    BLOCKED,
+    IDLE,
+    LONG,
+    LONGEST,
+    NEAR,
+    SOON,
+    SPREAD,
+    THROUGH,
+    DeadlockTimer,
+    force_progress,
+)
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.off_surface import JUST_OFF
 from slrl_sumo.lookahead.route_fit import allowed_speed
@@ -122,7 +134,8 @@ def test_creeping_does_not_begin_the_time_anew() -> None:
         car = replace(_car(k * DECISION_INTERVAL, speed=0.5 * creeps), x=np.array([place]))
         most.append(_tolerance(timer, car, held))
     assert max(most[: round(LONG / DECISION_INTERVAL)]) == SOON
-    assert most[-2] == 1.0
+    assert max(most[: round(LONGEST / DECISION_INTERVAL)]) == 1.0
+    assert most[-2] == THROUGH
     far = replace(_car(121.0), x=np.array([place + NEAR]))
     later = [_tolerance(timer, replace(far, time=121.0 + k * DECISION_INTERVAL), held) for k in range(60)]
     assert max(later) == SOON
@@ -154,9 +167,10 @@ def test_only_modes_that_move_and_do_not_collide_soon_are_left() -> None:
     assert force_progress(rollouts, np.array([SOON]), guarded).tolist() == [[False, False, True, False]]  # type: ignore[union-attr]
     standing = np.array([[True, False, False, False]])
     assert force_progress(rollouts, np.array([SOON]), standing).tolist() == [[False, True, True, False]]  # type: ignore[union-attr]
-    # Where every way on is blocked, one waits.
+    # Where every way on is blocked, one waits, but not for ever.
     collision[0, 1:] = 1.0
     assert force_progress(rollouts, np.array([1.0]), None).all()  # type: ignore[union-attr]
+    assert force_progress(rollouts, np.array([THROUGH]), None).tolist() == [[False, True, True, True]]  # type: ignore[union-attr]
 
 
 def test_a_forced_road_user_does_not_leave_the_ground() -> None:
@@ -173,7 +187,7 @@ def test_a_forced_road_user_does_not_leave_the_ground() -> None:
     # Off it already, no farther.
     assert left([0.5, 0.5, 0.25, 0.75]) == [False, True, True, False]
     # With no other way on, one stands, until any mode counts.
-    assert left([0.0, 0.5, 0.5, 0.5]) == [True] * 4
+    assert left([0.0, 0.5, 0.5, 0.5]) == left([0.0, 0.5, 0.5, 0.5], THROUGH) == [True] * 4
     assert left([0.0, 0.5, 0.5, 0.5], ANY) == [False, True, True, True]
 
 
