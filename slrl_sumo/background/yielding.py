@@ -63,7 +63,7 @@ class Yielding:
         self._stood: dict[str, float] = {}
         """Standing time (s) of held vehicles since the begin of the hold."""
         self._waited: dict[str, float] = {}
-        """Standing time (s) of vehicles in their present junction."""
+        """Standing time (s) of vehicles in their present junction, at least with their rear."""
         self.interventions = 0
 
     @property
@@ -114,9 +114,11 @@ class Yielding:
     def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> list[str]:
         """Ids of the vehicles `rows` that have stood for LONGEST_VEHICLE_WAIT in a junction near a learned road user.
 
+        Where a street is shorter than a vehicle, the vehicle stands in the junctions at both ends.
         SUMO takes that road user for their leader even if it waits behind them, or does not let them go before it.
         """
-        inside = [row for row in rows.tolist() if snapshot.lane[row].startswith(":")]
+        reaches_back = snapshot.lane_position < snapshot.length
+        inside = [row for row in rows.tolist() if reaches_back[row] or snapshot.lane[row].startswith(":")]
         self._waited = {
             snapshot.ids[row]: self._waited.get(snapshot.ids[row], 0.0)
             + self._dt * float(snapshot.speed[row] < FORECAST_STANDING_SPEED)

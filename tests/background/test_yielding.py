@@ -354,8 +354,26 @@ def test_a_car_that_waits_in_a_junction_beside_a_learned_one_goes_on(session: Su
         scene.step((x + 6.0, y, SOUTH))
     assert vehicle.getSpeedMode(CAR) == at_first | DISREGARDS_INSIDE_BIT
     vehicle.setSpeed(CAR, -1.0)
-    while vehicle.getLaneID(CAR).startswith(":"):
+    while vehicle.getLaneID(CAR).startswith(":") or vehicle.getLanePosition(CAR) < vehicle.getLength(CAR):
         assert vehicle.getSpeedMode(CAR) == at_first | DISREGARDS_INSIDE_BIT
         scene.step(scene.home)
     scene.step(scene.home)
     assert vehicle.getSpeedMode(CAR) == at_first
+
+
+def test_so_does_one_that_has_not_left_the_junction_with_its_rear(session: SumoSession) -> None:
+    """On a street of 0.2 m between two junctions a vehicle stands in both."""
+    scene, vehicle = Scene(session, RoadUserType.CAR), session.api.vehicle
+    scene.step(scene.home)
+    at_first, here = vehicle.getSpeedMode(CAR), ""
+    vehicle.setSpeed(CAR, 4.0)
+    while not here.startswith("out"):
+        scene.step(scene.home)
+        here = vehicle.getLaneID(CAR)
+    vehicle.setSpeed(CAR, 0.0)
+    scene.step(scene.home)
+    assert vehicle.getLanePosition(CAR) < vehicle.getLength(CAR)
+    x, y = vehicle.getPosition(CAR)
+    for _ in range(round(1.2 * LONGEST_VEHICLE_WAIT / STEP)):
+        scene.step((x + 6.0, y, SOUTH))
+    assert vehicle.getSpeedMode(CAR) == at_first | DISREGARDS_INSIDE_BIT
