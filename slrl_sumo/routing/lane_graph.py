@@ -53,7 +53,7 @@ class LaneGraph:
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.links = LaneLinks(api, network)
         self.lanes = {lane.id: lane for lane in network.lanes}
-        self.lanes.update((lane.id, lane) for lane in moved_apart(network.lanes))
+        self.lanes.update((lane.id, lane) for lane in moved_apart(network.lanes, self.links))
         self.lanes.update((lane.id, lane) for lane in cut_back(self.lanes, self.links))
         self.inside: dict[str, list[str]] = {}
         """The internal lanes of each junction (see `junction_of`), with pedestrian crossings, without walking areas."""

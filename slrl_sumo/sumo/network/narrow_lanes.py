@@ -5,7 +5,7 @@ both directions are 1.3 to 2.3 m apart, and the inner lanes of a main street in 
 through each other there.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ APART = 2.6
 """Distance (m) between the lines of both directions at which cars pass each other: a car's width and 0.8 m. With
 0.4 m, 25 of 400 road users collided in Kraków, with 0.8 m 8."""
 TAPER = 5.0
-"""Length (m) over which a line moves aside, at both ends of a lane, too, since the lanes of junctions stay."""
+"""Length (m) over which a line moves aside."""
 SHORTEST = 1.0
 """Length (m) below which a line stays: it cannot move aside and back."""
 SPACING = 2.0
@@ -33,25 +33,60 @@ NEIGHBOURS = 8
 OPPOSITE = -0.8
 """Cosine of the angle between two directions below which they are opposite."""
 
+Links = Callable[[str], Sequence[tuple[str, str]]]
 
-def moved_apart(lanes: Iterable[Lane]) -> list[Lane]:
-    """The carriageway lanes whose line has to be moved away from a lane of the opposite direction, moved.
 
-    Both lanes move, each at most to its border. Ids, widths and lengths stay.
+def moved_apart(lanes: Iterable[Lane], links: Links) -> list[Lane]:
+    """The carriageway lanes whose line has to be moved away from a lane of the opposite direction, moved, and the
+    internal lanes between them.
+
+    Both lanes move, each at most to its border. Ids, widths and lengths stay. `links`: target and internal lane of each
+    link of a lane.
     """
-    near = [lane for lane in lanes if not lane.internal and lane.surface == Surface.ROAD and len(lane.shape) > 1]
+    known = {lane.id: lane for lane in lanes if lane.surface == Surface.ROAD and len(lane.shape) > 1}
+    near = [lane for lane in known.values() if not lane.internal]
     if not near:
         return []
     points, begins = _sampled([lane.shape for lane in near])
     gaps, sides = _gaps(points, np.repeat(np.arange(len(near)), np.diff(begins)))
-    moved = []
+    # At an end without an internal lane the line that follows stays.
+    ways = [(lane.id, target, via) for lane in near for target, via in links(lane.id) if via in known]
+    joined = {end for start, target, _ in ways for end in ((start, 1), (target, 0))}
+    moved, ends = [], dict[tuple[str, int], float]()
     for k in np.flatnonzero(np.maximum.reduceat(gaps, begins[:-1])).tolist():
-        part = slice(begins[k], begins[k + 1])
-        line, aside = points[part], np.minimum(0.5 * gaps[part], 0.5 * near[k].width)
+        lane, part = near[k], slice(begins[k], begins[k + 1])
+        line, aside = points[part], np.minimum(0.5 * gaps[part], 0.5 * lane.width)
         if line[-1, 2] >= SHORTEST:
             # One side for the whole lane: lines that a network draws on top of each other have no side of their own.
             away = 1.0 if (aside * sides[part]).sum() < 0.0 else -1.0
-            moved.append(replace(near[k], shape=_moved(line, away * _tapered(line[:, 2], aside))))
+            left = away * _tapered(line[:, 2], aside, (lane.id, 0) in joined, (lane.id, 1) in joined)
+            ends[lane.id, 0], ends[lane.id, 1] = left.item(0), left.item(-1)
+            moved.append(replace(lane, shape=_moved(line, left)))
+    for start, target, via in ways:
+        first, last = ends.get((start, 1), 0.0), ends.get((target, 0), 0.0)
+        if first or last:
+            moved += _between([known[lane] for lane in _chain(via, links) if lane in known], first, last)
+    return moved
+
+
+def _chain(via: str, links: Links) -> list[str]:
+    """The internal lanes from `via` to the lane after the junction."""
+    chain: list[str] = []
+    while via and via not in chain:
+        chain.append(via)
+        via = next((inner for _, inner in links(via)), "")
+    return chain
+
+
+def _between(chain: Sequence[Lane], first: float, last: float) -> list[Lane]:
+    """The internal lanes of a way through a junction, moved to the left by `first` to `last` (m)."""
+    points, begins = _sampled([lane.shape for lane in chain])
+    moved, before, total = [], 0.0, max(float(points[begins[1:] - 1, 2].sum()), 1e-9)
+    for lane, begin, end in zip(chain, begins[:-1], begins[1:], strict=True):
+        line = points[begin:end]
+        left = first + (last - first) * (before + line[:, 2]) / total
+        before += line[-1, 2]
+        moved.append(replace(lane, shape=_moved(line, left)))
     return moved
 
 
@@ -110,13 +145,18 @@ def _gaps(points: Floats, lane: NDArray[np.int64]) -> tuple[Floats, Floats]:
     return gaps, sides
 
 
-def _tapered(along: Floats, aside: Floats) -> Floats:
-    """At least `aside` (m), as far as the line can move aside by half of APART within TAPER, and 0 at both ends."""
+def _tapered(along: Floats, aside: Floats, begins_aside: bool, ends_aside: bool) -> Floats:
+    """At least `aside` (m), as far as the line can move aside by half of APART within TAPER, and 0 at the begin and at
+    the end unless the line `begins_aside` or `ends_aside`."""
     slope = 0.5 * APART / TAPER
     ahead = np.maximum.accumulate(aside + slope * along) - slope * along
     behind = np.maximum.accumulate((aside - slope * along)[::-1])[::-1] + slope * along
+    aside = np.maximum(ahead, behind)
     taper = min(TAPER, 0.5 * along[-1])
-    return np.asarray(np.maximum(ahead, behind) * np.clip(np.minimum(along, along[-1] - along) / taper, 0.0, 1.0))
+    for stays, distance in ((not begins_aside, along), (not ends_aside, along[-1] - along)):
+        if stays:
+            aside = aside * np.clip(distance / taper, 0.0, 1.0)
+    return np.asarray(aside)
 
 
 def _moved(points: Floats, left: Floats) -> Floats:

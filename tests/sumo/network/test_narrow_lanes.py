@@ -21,7 +21,7 @@ BACK = replace(make_lane("back_0", (100.0, 0.75), (50.0, 0.75), (0.0, 0.75)), wi
 
 
 def lines(*lanes: Lane) -> dict[str, Floats]:
-    return {lane.id: lane.shape for lane in moved_apart(lanes)}
+    return {lane.id: lane.shape for lane in moved_apart(lanes, lambda lane: ())}
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -42,10 +42,9 @@ def test_a_lane_is_moved_to_its_border_at_most() -> None:
 
 def test_other_lanes_stay() -> None:
     wide = [replace(lane, shape=lane.shape * np.array([1.0, 1.8]), width=2.7) for lane in (OUT, BACK)]
-    inside = replace(BACK, internal=True)
     across = replace(BACK, shape=np.array([(50.0, 20.0), (50.0, -20.0)]))
     far = replace(BACK, id="detour_0", edge="detour", shape=BACK.shape + np.array([0.0, 20.0]))
-    for lanes in ([OUT], wide, [OUT, inside], [OUT, across], [OUT, far]):
+    for lanes in ([OUT], wide, [OUT, across], [OUT, far]):
         assert lines(*lanes) == {}
     # The street of the lane, not the other one between the same junctions.
     assert lines(OUT, far, BACK).keys() == {"out_0", "back_0"}
@@ -76,10 +75,25 @@ def test_the_line_leads_onwards_at_sharp_corners() -> None:
 
 
 def test_paths_of_vehicles_keep_apart_on_a_narrow_street(tmp_path: Path) -> None:
-    nodes = '<node id="a" x="0" y="0"/><node id="b" x="200" y="0"/>'
-    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" width="1.5"/>' for a, b in ("ab", "ba"))
+    # Two streets, and a side street at the junction between them.
+    nodes = "".join(
+        f'<node id="{name}" x="{x}" y="{y}"/>'
+        for name, x, y in (("a", 0, 0), ("b", 100, 0), ("c", 200, 0), ("d", 100, 80))
+    )
+    edges = "".join(
+        f'<edge id="{way}" from="{way[0]}" to="{way[1]}" width="1.5"/>' for way in ("ab", "ba", "bc", "cb", "bd")
+    )
     make_scenario(tmp_path, nodes, edges, "")
     with SumoSession(find_scenario(str(tmp_path))) as session:
         graph = LaneGraph(libsumo, session.network)
-        heights = [graph.path(lane, (), "passenger", []).line.at(100.0)[1] for lane in ("ab_0", "ba_0")]
-    assert heights[1] - heights[0] == pytest.approx(APART, abs=0.02)
+        ways = {
+            way: graph.path(f"{way[0]}_0", way[1:], "passenger", []).line
+            for way in (("ab", "bc"), ("cb", "ba"), ("ab", "bd"))
+        }
+    out, back, turn = (np.column_stack([line.x, line.y]) for line in ways.values())
+    heights = [np.interp(np.arange(20.0, 180.0), *line[np.argsort(line[:, 0])].T) for line in (out, back)]
+    assert heights[1] - heights[0] == pytest.approx(APART, abs=0.05)
+    # A way that turns begins where the street ends.
+    assert np.interp(96.0, *turn.T) == pytest.approx(-0.5 * APART, abs=0.05)
+    turns = np.diff(np.unwrap(np.arctan2(*np.diff(turn, axis=0).T[::-1])))
+    assert -0.1 < turns.min() < turns.max() < 0.5
