@@ -88,8 +88,7 @@ class DeadlockTimer:
             name, blocked = users.ids[row], self._blocked_time(users, row)
             # A vehicle at the end of a queue is not forced: it would drive into its leader.
             if stood[name] >= (IDLE if free[row] else math.inf if queues[row] else _limit(name)):
-                long = ANY if users.type[row] == PEDESTRIAN else 1.0 if blocked < LONGEST else THROUGH
-                forced[name] = users.time + FORCED, long if blocked >= LONG else SOON
+                forced[name] = users.time + FORCED, _tolerance(blocked, users.type[row] == PEDESTRIAN)
         self._stood, self._forced = stood, forced
         tolerance = np.zeros(len(users))
         if forced:
@@ -110,6 +109,15 @@ class DeadlockTimer:
         for name in ids:
             for known in (self._stood, self._forced, self._blocked):
                 known.pop(name, None)
+
+
+def _tolerance(blocked: float, walks: bool) -> float:
+    """Highest collision score tolerated by a road user that has been blocked for so long (s)."""
+    if blocked < LONG:
+        return SOON
+    if walks:
+        return ANY
+    return 1.0 if blocked < LONGEST else THROUGH
 
 
 @lru_cache(100_000)

@@ -127,9 +127,11 @@ class Yielding:
         passing = []
         for row in inside:
             name = snapshot.ids[row]
-            away = np.hypot(learned.x - snapshot.x[row], learned.y - snapshot.y[row])
-            waits = self._waited[name] > LONGEST_VEHICLE_WAIT and away.min(initial=np.inf) < NEARBY
-            if waits or name in self._control.passing:
+            waits = name in self._control.passing
+            if not waits and self._waited[name] > LONGEST_VEHICLE_WAIT:
+                away = np.hypot(learned.x - snapshot.x[row], learned.y - snapshot.y[row])
+                waits = away.min(initial=np.inf) < NEARBY
+            if waits:
                 passing.append(name)
         return passing
 
@@ -179,7 +181,7 @@ class Yielding:
         place = touched(enter)
         cosine = cosine_at_touch(ahead, vehicle, place, boxes, agent)
         leading = speed_along(cosine, learned.speed[agent])
-        oncoming = (cosine[:, 0] < ONCOMING) & ~inside[close][vehicle, place[:, 0]]
+        oncoming = (cosine[:, 0] < ONCOMING) & ~inside[close[vehicle], place[:, 0]]
         beside = (~patient[vehicle] | oncoming) & (on_lanes & (learned.type != PEDESTRIAN) & (moments == 1))[agent]
         beside[len(beside) - len(standing) :] = True
         certain = np.where(beside, -1.0, np.where(moments[agent] == 1, np.inf, committed[agent]))

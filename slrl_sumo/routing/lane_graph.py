@@ -19,7 +19,7 @@ from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.network.lane_ends import cut_back
 from slrl_sumo.sumo.network.lane_state import LaneState
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
-from slrl_sumo.sumo.network.links import LaneLinks
+from slrl_sumo.sumo.network.links import LaneLinks, internal_lanes
 from slrl_sumo.sumo.network.narrow_lanes import moved_apart
 
 MOST_LANES = 30
@@ -243,9 +243,8 @@ class LaneGraph:
                 if begin.startswith(":"):
                     continue
                 for _, via in self.links(begin):
-                    while via and via not in self._origins:
-                        self._origins[via] = begin
-                        via = next((inner for _, inner in self.links(via)), "")
+                    for inner in internal_lanes(via, self.links):
+                        self._origins.setdefault(inner, begin)
         return self._origins.get(lane, lane)
 
     def _early(self, lane: str, via: str) -> float:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
+from slrl_sumo.sumo.network.links import internal_lanes
 
 MOST_EDGES = 12
 """Number of edges of a route that the choice of a lane considers."""
@@ -142,8 +143,4 @@ class RouteLaneChanges:
 
     def _time_through(self, via: str) -> float:
         """Time (s) through a junction on the way that begins with the internal lane `via`; 0 without one."""
-        time = 0.0
-        while via:
-            time += self._time(via)
-            via = next((inner for _, inner in self._links(via)), "")
-        return time
+        return sum((self._time(lane) for lane in internal_lanes(via, self._links)), 0.0)

@@ -5,13 +5,14 @@ Bologna, whose lane ends 1.4 m past the next one, cars swung out into the oncomi
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.links import LinksOf
 
 PAST = 0.3
 """Distance (m) past the begin of the next lane up to which a lane stays as it is."""
@@ -19,7 +20,7 @@ U_TURN = -0.6
 """Cosine of the angle between two lanes below which the way from one to the other is a U-turn, which leads back."""
 
 
-def cut_back(lanes: Mapping[str, Lane], links: Callable[[str], Sequence[tuple[str, str]]]) -> list[Lane]:
+def cut_back(lanes: Mapping[str, Lane], links: LinksOf) -> list[Lane]:
     """The carriageway lanes that end more than PAST m past all lanes that follow, cut there, and their internal lanes.
 
     `links`: target and internal lane of each link of a lane. An internal lane becomes a straight line to its target.
@@ -42,7 +43,7 @@ def cut_back(lanes: Mapping[str, Lane], links: Callable[[str], Sequence[tuple[st
     return cut
 
 
-def _is_simple(via: str, links: Callable[[str], Sequence[tuple[str, str]]]) -> bool:
+def _is_simple(via: str, links: LinksOf) -> bool:
     """Whether an internal lane leads to its target without a waiting position."""
     return via != "" and not any(inner for _, inner in links(via))
 

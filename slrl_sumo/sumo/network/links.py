@@ -1,6 +1,6 @@
 """Links: the connections of lanes through junctions, with priority and signals."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from slrl_sumo.formats.signal_states import SignalState
@@ -20,6 +20,10 @@ class Link(NamedTuple):
     """SUMO would let a vehicle enter now."""
     state: str
     """SUMO's letter for the signal or the right of way (https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html)."""
+
+
+LinksOf = Callable[[str], Sequence[tuple[str, str]]]
+"""The links from a lane, by its id: pairs of target and via, as `LaneLinks` gives them."""
 
 
 class SignalLink(NamedTuple):
@@ -119,6 +123,15 @@ def foe_lanes(api: SumoApi, lane: str, target: str) -> tuple[str, ...]:
 def internal_foe_lanes(api: SumoApi, via: str) -> tuple[str, ...]:
     """The internal lanes that cross the internal lane `via`."""
     return tuple(api.lane.getInternalFoes(via))
+
+
+def internal_lanes(via: str, links: LinksOf) -> list[str]:
+    """The internal lanes of a way through a junction that begins with `via`; none for ''."""
+    lanes: list[str] = []
+    while via and via not in lanes:
+        lanes.append(via)
+        via = next((inner for _, inner in links(via)), "")
+    return lanes
 
 
 class LaneLinks:

@@ -5,7 +5,7 @@ both directions are 1.3 to 2.3 m apart, and the inner lanes of a main street in 
 through each other there.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.nearest import PointIndex
 from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.links import LinksOf, internal_lanes
 
 APART = 2.6
 """Distance (m) between the lines of both directions at which cars pass each other: a car's width and 0.8 m. With
@@ -33,10 +34,8 @@ NEIGHBOURS = 8
 OPPOSITE = -0.8
 """Cosine of the angle between two directions below which they are opposite."""
 
-Links = Callable[[str], Sequence[tuple[str, str]]]
 
-
-def moved_apart(lanes: Iterable[Lane], links: Links) -> list[Lane]:
+def moved_apart(lanes: Iterable[Lane], links: LinksOf) -> list[Lane]:
     """The carriageway lanes whose line has to be moved away from a lane of the opposite direction, moved, and the
     internal lanes between them.
 
@@ -65,17 +64,8 @@ def moved_apart(lanes: Iterable[Lane], links: Links) -> list[Lane]:
     for start, target, via in ways:
         first, last = ends.get((start, 1), 0.0), ends.get((target, 0), 0.0)
         if first or last:
-            moved += _between([known[lane] for lane in _chain(via, links) if lane in known], first, last)
+            moved += _between([known[lane] for lane in internal_lanes(via, links) if lane in known], first, last)
     return moved
-
-
-def _chain(via: str, links: Links) -> list[str]:
-    """The internal lanes from `via` to the lane after the junction."""
-    chain: list[str] = []
-    while via and via not in chain:
-        chain.append(via)
-        via = next((inner for _, inner in links(via)), "")
-    return chain
 
 
 def _between(chain: Sequence[Lane], first: float, last: float) -> list[Lane]:
