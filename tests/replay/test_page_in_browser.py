@@ -519,7 +519,8 @@ def test_colours_say_type_speed_wait_learned_and_mode(page: Driver) -> None:
 def test_pictures_and_videos_are_saved(page: Driver, tmp_path: Path) -> None:
     save_to(page, tmp_path)
     page.find_element(By.ID, "picture").click()
-    WebDriverWait(page, 20).until(lambda _: [*tmp_path.glob("*.png")])
+    # Firefox makes an empty file before it moves the whole one there.
+    WebDriverWait(page, 20).until(lambda _: [f for f in tmp_path.glob("*.png") if f.stat().st_size])
     (picture,) = tmp_path.glob("*.png")
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert picture.stat().st_size > 5_000
@@ -527,7 +528,7 @@ def test_pictures_and_videos_are_saved(page: Driver, tmp_path: Path) -> None:
     WebDriverWait(page, 20).until(lambda b: b.execute_script("return page.frames") > 10 and time_of(b) > 100.5)
     assert text(page, "video") == "stop"
     page.find_element(By.ID, "video").click()
-    WebDriverWait(page, 20).until(lambda _: [*tmp_path.glob("*.webm")])
+    WebDriverWait(page, 20).until(lambda _: [f for f in tmp_path.glob("*.webm") if f.stat().st_size])
     (video,) = tmp_path.glob("*.webm")
     assert video.read_bytes().startswith(b"\x1aE\xdf\xa3")  # EBML
     assert text(page, "video") == "video"
