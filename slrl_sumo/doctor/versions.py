@@ -13,7 +13,7 @@ from slrl_sumo.doctor.finding import Finding
 from slrl_sumo.errors import InputError
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.demand import net_attributes
-from slrl_sumo.sumo.scenario.options import YES, input_files
+from slrl_sumo.sumo.scenario.options import input_files
 from slrl_sumo.sumo.session import library_version
 
 SUMO_PACKAGES = ("eclipse-sumo", "libsumo", "sumolib", "traci")
@@ -67,13 +67,6 @@ def version_findings(scenario: Scenario) -> Iterator[Finding]:
                 "versions",
                 f"{path.name} is of version {network['version']}, newer than this SUMO {library}, which may miss parts",
                 f"make it again with netconvert {library}",
-            )
-        if network.get("lefthand", "").lower() in YES:
-            yield Finding(
-                "warning",
-                "left-hand traffic",
-                f"{path.name} drives on the left; the shipped models have learned to keep right",
-                "use a bundle that was fitted on left-hand traffic",
             )
 
 

@@ -45,6 +45,10 @@ FAR_BESIDE = 3.0
 beside its path, after two sharp turns in a row, did not move again."""
 # Python 3.11 takes 0.3 us to look up a member of an enumeration, for each road user.
 BICYCLE = RoadUserType.BICYCLE
+KEEPS_CLEAR_FOR = 120.0
+"""Time (s) at a stand since its signal was green for it, after which a vehicle enters a junction that it may have to
+stand in (SUMO's jmIgnoreKeepClearTime). Before signals 6 m apart that are never green at once, vehicles stood for
+ever."""
 GREEN, YELLOW, RED = SignalAspect.GREEN, SignalAspect.YELLOW, SignalAspect.RED
 
 
@@ -209,7 +213,10 @@ class Routes:
         """Distance (m, inf: none) at which a vehicle must stop, and the speed (m/s) at which it can look for foes with
         priority (inf: none). `entries`: those ahead of the vehicle."""
         stop, look = self._speed_limits.stop_at_lane_end(track), math.inf
-        for entry, distance, rule, too_late in self._speed_limits.entries_ahead(track, entries, REACTION_TIME):
+        ahead = self._speed_limits.entries_ahead(track, entries, REACTION_TIME)
+        yellow = (e.via for e, _, rule, _ in ahead if rule == "stop" and self._right_of_way.signal(e) == YELLOW)
+        track.history.stops_for_yellow = next(yellow, "")
+        for entry, distance, rule, too_late in ahead:
             if rule == "stop" or not self._reservations.request_entry(
                 road_user, track, entry, priority=rule == "go", size=size, too_late=too_late
             ):
@@ -234,9 +241,13 @@ class Routes:
 
         `entries`: those ahead of the vehicle.
         """
+        history = track.history
+        if entries and history.held_time > KEEPS_CLEAR_FOR and not route.stop_at_signal[i]:
+            history.blocks = entries[0][0].via
         # The junction that the vehicle is in does not count: it may already block others, so it drives on.
-        here = junction_of(track.history.entry) if track.history.entry else ""
-        ends = ((e, self._reservations.crossed_until(e)) for e, _ in entries if e.junction != here)
+        here = junction_of(history.entry) if history.entry else ""
+        kept = (e for e, _ in entries if e.junction != here and e.via != history.blocks)
+        ends = ((e, self._reservations.crossed_until(e)) for e in kept)
         crossed = ((e, end) for e, end in ends if end > e.stop_line)
         entry, end = next(crossed, (None, math.inf))
         if entry is not None:

@@ -67,9 +67,8 @@ class SpeedLimits:
         for entry, distance in within_sight(track, ahead, dt):
             if distance < 0.0 and track.speed > ROLLING:
                 continue  # already over the line
-            rule = self._right_of_way.rule(
-                entry, distance, track.speed, decel, halted=track.history.halted == entry.via
-            )
+            halted, stopping = track.history.halted == entry.via, track.history.stops_for_yellow == entry.via
+            rule = self._right_of_way.rule(entry, distance, track.speed, decel, halted=halted, stopping=stopping)
             too_late = track.speed * track.speed / (2.0 * decel) > distance + 1.0
             found.append(EntryAhead(entry, distance, rule, too_late))
         return found

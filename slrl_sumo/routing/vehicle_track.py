@@ -33,6 +33,13 @@ class VehicleHistory:
     """Time (s) at which the vehicle began its last lane change."""
     halted: str = ""
     """Internal lane after the last line before which the vehicle has stood."""
+    stops_for_yellow: str = ""
+    """Internal lane after the line at which it stops for a yellow signal; '' without one. Vehicles that brake later
+    than planned would else go on at yellow, into red."""
+    held_time: float = 0.0
+    """Time (s) for which the vehicle has stood since no signal was red for it, with the reds after that."""
+    blocks: str = ""
+    """Internal lane after the line that the vehicle passes although it may have to stand in the junction; '': none."""
     entry: str = ""
     """Internal lane after the last line that the vehicle has passed in its junction; '' outside junctions."""
     entered: float = math.inf
@@ -44,8 +51,10 @@ class VehicleHistory:
         self.standing_time = self.standing_time + self.elapsed if speed < STANDING_SPEED else 0.0
 
     def observe_signal(self, *, red: bool) -> None:
-        """Update the time at a stand without a red signal; call after `observe`."""
+        """Update the times at a stand without a red signal, and since; call after `observe`."""
         self.idle_time = self.idle_time + self.elapsed if self.standing_time and not red else 0.0
+        held = self.standing_time and (self.held_time or not red)
+        self.held_time = self.held_time + self.elapsed if held else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,4 +130,4 @@ class VehicleTrack:
         # The entry time stays: vehicles that entered later wait. A halt before a line inside counts as a new entry.
         goes_on = entry != "" and entry != history.halted and junction_of(entry) == junction_of(history.entry)
         history.entered = history.entered if goes_on else history.observed if entry else math.inf
-        history.entry = entry
+        history.entry, history.blocks = entry, ""

@@ -222,6 +222,38 @@ def test_red_stops_green_does_not_and_yellow_stops_vehicles_that_still_can(signa
         assert bool(route.stop_at_signal[0]) == (state == "r")
 
 
+def test_a_vehicle_that_stops_at_yellow_stops_until_green(signalised: SumoSession) -> None:
+    """Vehicles that braked later than planned went on at yellow, into red: 1 of 1,000."""
+    _car(signalised, "car", ("in0", "out2"), 2, 12.0, 6.0)
+    signalised.step()
+    routes, slow = Routes(libsumo, signalised.network), _seen(signalised, "car")
+    fast = replace(slow, speed=np.array([12.0]))
+    line = libsumo.lane.getLength("in0_2") - libsumo.vehicle.getLanePosition("car")
+    said = []
+    for state, world in (("y", fast), ("y", slow), ("y", fast), ("r", fast), ("G", fast), ("y", fast)):
+        _signals(state)
+        said.append(_one(routes.ahead(world, 1))["stop"])
+    stop = line - STOP_LINE
+    assert said == pytest.approx([math.inf, stop, stop, stop, math.inf, math.inf], abs=0.1)
+
+
+def test_a_vehicle_held_for_long_enters_a_junction_in_which_it_may_have_to_stand(signalised: SumoSession) -> None:
+    _car(signalised, "car", ("in0", "out2"), 2, 3.0, 6.0)
+    signalised.step()
+    routes, world = Routes(libsumo, signalised.network), _seen(signalised, "car")
+    stands = replace(world, speed=np.zeros(1))
+    kept = {}
+    # 160 s of red before the first green do not count; the second green is 80 s later, the third one 121 s.
+    for k, state in enumerate("r" * 400 + "G" + "r" * 199 + "G" + "r" * 101 + "GG"):
+        _signals(state)
+        route = routes.ahead(replace(stands, time=world.time + k * DECISION_INTERVAL), 1)
+        kept[k] = math.isfinite(route.keep_clear_line[0])
+    assert [k for k, keeps in kept.items() if not keeps] == [702, 703]
+    # Once it moves, it goes on.
+    moves = replace(world, time=world.time + 704 * DECISION_INTERVAL, speed=np.ones(1))
+    assert math.isinf(routes.ahead(moves, 1).keep_clear_line[0])
+
+
 @pytest.mark.parametrize("crossing", [True, False])
 def test_minor_traffic_looks_and_stops_only_for_traffic_that_comes(intersection: SumoSession, crossing: bool) -> None:
     _car(intersection, "car", ("in0", "out2"), 2, 14.0, 5.0)

@@ -60,3 +60,23 @@ def test_a_moment_that_is_observed_twice_counts_once(track: VehicleTrack) -> Non
     assert (history.standing_time, history.idle_time) == pytest.approx((1.6, 0.0))
     history.observe(2.6, 1.0)
     assert history.standing_time == 0.0
+
+
+def test_a_vehicle_is_held_from_the_first_moment_without_red(track: VehicleTrack) -> None:
+    history, held = track.history, []
+    for k, red in enumerate((True, True, False, True, True, False)):
+        history.observe(1.0 + 0.4 * k, 0.0)
+        history.observe_signal(red=red)
+        held.append(history.held_time)
+    assert held == pytest.approx([0.0, 0.0, 0.4, 0.8, 1.2, 1.6])
+    history.observe(3.4, 1.0)
+    history.observe_signal(red=False)
+    assert history.held_time == 0.0
+
+
+def test_a_vehicle_that_entered_a_junction_blocks_no_further_one(track: VehicleTrack) -> None:
+    track.history.blocks = FIRST.via
+    entered(track, (1.0, 10.0))
+    assert track.history.blocks == FIRST.via
+    entered(track, (2.0, 22.0))
+    assert track.history.blocks == ""

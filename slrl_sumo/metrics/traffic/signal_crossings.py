@@ -25,7 +25,7 @@ PERMISSIVE: tuple[Aspect, ...] = ("red", "yellow", "green")
 
 BEYOND, ASIDE = 0.5, 10.0
 """Distance (m) past a stop line, and greatest distance beside its lane, at which a vehicle that stands, or has no lane
-in SUMO, has passed the line."""
+in SUMO, has passed the line; others inside the junction have passed it at 0 m."""
 CROSSING_END = 1.0
 """Length (m) at each end of a crossing on which persons may wait for green, or cut the corner."""
 AWAY = 3.0
@@ -192,8 +192,9 @@ class SignalCrossings:
         if not lane:
             return self._on_route(vehicle, came, links) if self._beyond(came, *front) else []
         if lane.startswith(":"):
-            # SUMO places a moved vehicle that stands exactly on the line inside the junction.
-            if stands and not self._beyond(came, *front):
+            # SUMO places a moved vehicle inside the junction that stands exactly on the line, or that waits for green
+            # before a turnaround and already steers, up to 1.7 m before the line.
+            if not self._beyond(came, *front, by=BEYOND if stands else 0.0):
                 return []
             return [link for link in links if lane in link.inside] or (
                 self._on_route(vehicle, came, links) if self._same_junction(lane, links) else []
@@ -201,23 +202,25 @@ class SignalCrossings:
         edge = self._lanes[lane].edge
         return [link for link in links if link.edge == edge] if edge != self._lanes[came].edge else []
 
-    def _beyond(self, lane: str, x: float, y: float) -> bool:
-        """Whether a position (m) is past the stop line at the end of a lane."""
+    def _beyond(self, lane: str, x: float, y: float, by: float = BEYOND) -> bool:
+        """Whether a position (m) is `by` m past the stop line at the end of a lane."""
         line = self._lanes[lane].shape
         ahead_x, ahead_y = (line[-1] - line[-2]) / max(float(np.hypot(*(line[-1] - line[-2]))), 1e-9)
         dx, dy = x - line[-1, 0], y - line[-1, 1]
         ahead, aside = dx * ahead_x + dy * ahead_y, dy * ahead_x - dx * ahead_y
-        return bool(ahead >= BEYOND and abs(aside) <= ASIDE + ahead)
+        return bool(ahead >= by and abs(aside) <= ASIDE + ahead)
 
     def _same_junction(self, lane: str, links: list[_Link]) -> bool:
         junction = lane.rsplit("_", 2)[0]
         return any(inside.rsplit("_", 2)[0] == junction for link in links for inside in link.inside)
 
     def _on_route(self, vehicle: str, came: str, links: list[_Link]) -> list[_Link]:
-        """The links from a lane to the next edge of the route; all links if none leads there."""
+        """The links from a lane to the next edge of the route; all links if none leads there, none if it ends here."""
         route, _ = vehicle_route(self._api, vehicle)
         here = self._lanes[came].edge
-        following = {route[i + 1] for i in range(len(route) - 1) if route[i] == here}
+        following = {after for edge, after in pairwise(route) if edge == here}
+        if route[-1:] == (here,) and not following:
+            return []
         return [link for link in links if link.edge in following] or links
 
     def _walkers(self, users: WorldState, before: dict[str, str]) -> list[SignalCrossing]:

@@ -95,11 +95,8 @@ class JunctionReservations:
         lanes, ahead = lanes_through(track, track.s - size.length) if track.history.entry else ((), ())
         if not lanes:
             return math.inf
-        line, until = next_line(track)
-        idle, closed = (
-            track.history.idle_time > UNUSED,
-            line is not None and self._right_of_way.signal(line) == SignalAspect.RED,
-        )
+        line, until = next_line(track, self._is_red)
+        idle, closed = track.history.idle_time > UNUSED, line is not None and self._is_red(line)
         mine = Occupant(
             self._areas.way(lanes), ahead, track.speed, size, until, self._time,
             yields=False, idle=idle, idle_time=track.history.idle_time, entry_time=track.history.entered,
@@ -178,6 +175,9 @@ class JunctionReservations:
     def free_since(self, vehicle: str) -> float:
         """Time (s) since which a vehicle has stood before a line although its way is free of reservations; else inf."""
         return self._free_since.get(vehicle, math.inf)
+
+    def _is_red(self, line: JunctionEntry) -> bool:
+        return self._right_of_way.signal(line) == SignalAspect.RED
 
     def _is_stuck(self, vehicle: str) -> bool:
         return self._time - self.free_since(vehicle) > UNUSED

@@ -45,11 +45,16 @@ class RightOfWay:
         self._links.clear()
         self._shown.renew()
 
-    def rule(self, entry: JunctionEntry, distance: float, speed: float, deceleration: float, *, halted: bool) -> Rule:
-        """The rule at an entry, see `link_rule`. Where vehicles must stop even without foes, it is "stop" until the
-        vehicle has `halted` before the line."""
+    def rule(
+        self, entry: JunctionEntry, distance: float, speed: float, deceleration: float, *, halted: bool, stopping: bool
+    ) -> Rule:
+        """The rule at an entry, see `link_rule`.
+
+        Where vehicles must stop even without foes, it is "stop" until the vehicle has `halted` before the line. It
+        stays "stop" at yellow for a vehicle that is already `stopping` for it.
+        """
         link = self._link(entry.link)
-        if link.state in "ws" and not halted:
+        if (link.state in "ws" and not halted) or (link.state in "yY" and stopping):
             return "stop"
         return link_rule(link, distance, speed, deceleration)
 

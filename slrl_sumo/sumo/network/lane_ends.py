@@ -33,11 +33,14 @@ def cut_back(lanes: Mapping[str, Lane], links: LinksOf) -> list[Lane]:
         following = links(lane.id)
         if not following:
             continue
-        (x0, y0), (x1, y1) = lane.points[-2:]
-        size = math.hypot(x1 - x0, y1 - y0)
-        past = min(_past(lane, lanes[target]) if _is_simple(via, links) else 0.0 for target, via in following)
+        before, (x, y) = lane.points[-2:]
+        size = math.dist(before, (x, y))
+        if not size:
+            continue
+        dx, dy = (x - before[0]) / size, (y - before[1]) / size
+        past = min(_past(x, y, dx, dy, lanes[to]) if _is_simple(via, links) else 0.0 for to, via in following)
         if PAST < past < size:
-            end = x1 - past * (x1 - x0) / size, y1 - past * (y1 - y0) / size
+            end = x - past * dx, y - past * dy
             cut.append(replace(lane, shape=np.array([*lane.points[:-1], end])))
             cut += [replace(lanes[via], shape=np.array([end, lanes[target].points[0]])) for target, via in following]
     return cut
@@ -48,14 +51,10 @@ def _is_simple(via: str, links: LinksOf) -> bool:
     return via != "" and not any(inner for _, inner in links(via))
 
 
-def _past(lane: Lane, following: Lane) -> float:
-    """Distance (m) along a lane from the begin of the `following` one to the lane's end; 0 for a U-turn."""
-    (x0, y0), (x1, y1) = lane.points[-2:]
+def _past(x: float, y: float, dx: float, dy: float, following: Lane) -> float:
+    """Distance (m) from the begin of the `following` lane to a lane's end (x, y), along the lane's direction (dx, dy)
+    at its end, of length 1; 0 for a U-turn."""
     begin, then = following.points[:2]
-    size, ahead = math.hypot(x1 - x0, y1 - y0), math.dist(begin, then)
-    if not size or not ahead:
+    if dx * (then[0] - begin[0]) + dy * (then[1] - begin[1]) <= U_TURN * math.dist(begin, then):
         return 0.0
-    dx, dy = (x1 - x0) / size, (y1 - y0) / size
-    if dx * (then[0] - begin[0]) + dy * (then[1] - begin[1]) < U_TURN * ahead:
-        return 0.0
-    return (x1 - begin[0]) * dx + (y1 - begin[1]) * dy
+    return (x - begin[0]) * dx + (y - begin[1]) * dy

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import make_world
+from builders import make_scenario, make_world
 
 from slrl_sumo.metrics.traffic.signal_crossings import SignalCrossings, outside_by, shortened
 from slrl_sumo.netgen.scenario import write_scenario
@@ -166,6 +166,43 @@ def test_a_moved_car_that_stands_exactly_on_the_stop_line_has_not_passed(made: S
             assert session.api.vehicle.getLaneID(car).startswith(":"), "so SUMO has it"
             found.append([p.aspect for p in signal_crossings.update(world_of(session), (car,))])
     assert found == [[], [], ["red"]]
+
+
+@pytest.mark.parametrize(
+    ("route", "places", "aspects"),
+    [
+        # Before a turnaround it steers before the line, and SUMO has it on the lane of the turnaround.
+        ("wc cw", ((-0.6, 1.0), (-0.5, 1.0), (0.8, 1.6), (1.2, 2.0)), [[], [], ["red"], []]),
+        # The route ends at the line.
+        ("wc", ((-0.6, 0.0), (1.5, 0.0), (4.0, 0.0)), [[], [], []]),
+    ],
+)
+def test_only_a_car_whose_front_is_past_the_line_on_its_route_passes(
+    route: str, places: tuple[tuple[float, float], ...], aspects: list[list[str]], tmp_path: Path
+) -> None:
+    ends = (("w", -100, 0), ("e", 100, 0), ("n", 0, 100))
+    nodes = "".join(f'<node id="{name}" x="{x}" y="{y}"/>' for name, x, y in ends)
+    nodes += '<node id="c" x="0" y="0" type="traffic_light"/>'
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}"/>' for a, b in ("wc", "cw", "ce", "ec", "nc", "cn"))
+    users = f'<route id="r" edges="{route}"/><vehicle id="car" route="r" depart="0" departPos="60" departSpeed="0"/>'
+    with SumoSession(find_scenario(str(make_scenario(tmp_path, nodes, edges, users))), seed=1) as session:
+        api, control = session.api, TakenOverControl(session.api, session.network)
+        crossings = SignalCrossings(api, session.network)
+        api.trafficlight.setRedYellowGreenState("c", "r" * len(api.trafficlight.getRedYellowGreenState("c")))
+        session.step()
+        assert crossings.update(world_of(session), ("car",)) == []
+        control.take_over(("car",), np.zeros(1, np.bool_))
+        end_x, end_y = next(lane for lane in session.network.lanes if lane.id == "wc_0").shape[-1]
+        found, lanes = [], []
+        for ahead, aside in places:
+            # The centre of the car, 5 m long.
+            x, y = np.array([end_x + ahead - 2.5]), np.array([end_y + aside])
+            control.move(("car",), np.zeros(1, np.bool_), x, y, np.zeros(1), np.full(1, 0.6), np.full(1, 5.0))
+            session.step()
+            lanes.append(api.vehicle.getLaneID("car"))
+            found.append([p.aspect for p in crossings.update(world_of(session), ("car",))])
+    assert lanes[0].startswith(":") == (route == "wc cw"), "so SUMO has it"
+    assert found == aspects
 
 
 def test_a_turn_beside_the_signal_is_no_passage(game: Path) -> None:

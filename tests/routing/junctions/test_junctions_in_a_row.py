@@ -3,14 +3,17 @@
 from pathlib import Path
 
 import libsumo
+import numpy as np
 import pytest
 
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
+from slrl_sumo.routing.junctions.lines_inside import next_line
 from slrl_sumo.routing.junctions.occupants import Size
 from slrl_sumo.routing.junctions.reservations import JunctionReservations
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import JunctionEntry, LanePath, junction_of
+from slrl_sumo.routing.polyline import Polyline
 from slrl_sumo.routing.routes import end_with_room
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -86,6 +89,21 @@ def test_between_two_junctions_there_may_be_no_room_to_stand(gap: float, end: fl
     assert end_with_room(40.0, (), 5.0) == 40.0
     # A bicycle has room where a car has none.
     assert end_with_room(20.0, ((inner, 20.0), (second, 40.0)), 1.6) == 20.0
+
+
+@pytest.mark.parametrize(("red", "line", "until"), [(True, 1, 8.2), (False, None, 9.0)])
+def test_vehicles_stop_before_the_red_signal_of_a_junction_that_follows_at_once(
+    red: bool, line: int | None, until: float
+) -> None:
+    """Where others cross only the last metre of the junction, they need not wait for it."""
+    first = JunctionEntry(10.0, "a_0", ":c_0_0", "b_0", 20.0)
+    second = JunctionEntry(20.2, "b_0", ":d_0_0", "e_0", 40.0)
+    along = np.array([0.0, 100.0])
+    path = LanePath((":c_0_0", "b_0"), (20.0, 100.0), (first, second), Polyline(along, np.zeros(2), along))
+    track = make_track(path, 11.0, 3.0)
+    track.history.entry = first.via
+    found, distance = next_line(track, lambda _: red)
+    assert (found, distance) == (None if line is None else path.entries[line], pytest.approx(until))
 
 
 def _through_two_junctions(graph: LaneGraph) -> LanePath:
