@@ -77,3 +77,15 @@ def test_a_path_may_begin_or_end_on_a_short_lane() -> None:
 def test_zigzag_is_what_a_line_turns_to_both_sides() -> None:
     assert zigzag([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]) == pytest.approx(0.0)
     assert zigzag([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (2.0, 1.0)]) == pytest.approx(math.pi)
+
+
+def test_a_curve_is_the_same_wherever_on_a_path_its_lanes_are() -> None:
+    before = make_lane("far_0", (-40.0, 60.0), (-30.0, 42.0))
+    inside = make_lane(":c_0_0", (-30.0, 42.0), (-23.4, 33.8))
+    short, long = (
+        curve_over([IN, ACROSS, SHORT_LANE, BACK, OUT], 1),
+        [before, inside, IN, ACROSS, SHORT_LANE, BACK, OUT],
+    )
+    found = curve_over(long, 3)
+    assert short is not None
+    assert found == short._replace(after=short.after + 2)

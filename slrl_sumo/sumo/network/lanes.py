@@ -22,7 +22,7 @@ ALL_CLASSES = MOTOR_CLASSES | {"bicycle", "pedestrian"}
 """The classes listed for a lane that admits every class."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lane:
     """One lane of a network."""
 
