@@ -27,7 +27,7 @@ from slrl_sumo.routing.walking.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, SignalAspect, spacing_at
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import PEDESTRIAN, SPAWNED_PREFIX, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, PEDESTRIAN, SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
@@ -155,7 +155,8 @@ class Routes:
         if is_near_end(left, track.speed) and _turned(track, heading, track.s + left) < ALIGNED:
             self._near_end.add(road_user)
         # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane.
-        if left < 0.0 or self._is_stuck(track, heading, size) or self._has_left_lanes(road_user, track):
+        passes = left < 0.0 or _passes_destination(track, left)
+        if passes or self._is_stuck(track, heading, size) or self._has_left_lanes(road_user, track):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
@@ -273,6 +274,14 @@ class Routes:
             route.signal[i], route.stop_at_signal[i] = RED if red else GREEN, red
         route.remaining_distance[i] = left
         track.path.line.draw(track.s - BEHIND, SPACING, route.x, route.y, i)
+
+
+def _passes_destination(track: VehicleTrack, left: float) -> bool:
+    """Whether a vehicle in a junction has no decision after it and before its destination, `left` m ahead: past that,
+    SUMO would put it on another place of its route."""
+    inside = next((e.exit for e in track.path.entries if e.via == track.history.entry), track.s)
+    after = left - (inside - track.s)
+    return inside > track.s and is_near_end(left, track.speed) and after < track.speed * DECISION_INTERVAL
 
 
 def _turned(track: VehicleTrack, heading: float, s: float) -> float:

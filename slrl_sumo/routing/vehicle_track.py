@@ -37,7 +37,7 @@ class VehicleHistory:
     """Internal lane after the line at which it stops for a yellow signal; '' without one. Vehicles that brake later
     than planned would else go on at yellow, into red."""
     held_time: float = 0.0
-    """Time (s) for which the vehicle has stood since no signal was red for it, with the reds after that."""
+    """Time (s) for which the vehicle has stood since the first moment at which no signal was red; later reds count."""
     blocks: str = ""
     """Internal lane after the line that the vehicle passes although it may have to stand in the junction; '': none."""
     entry: str = ""

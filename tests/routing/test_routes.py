@@ -472,6 +472,28 @@ def test_a_vehicle_across_its_last_lane_is_not_yet_near_its_end(tmp_path: Path, 
         assert routes.near_end(("car",)).tolist() == [near]
 
 
+@pytest.mark.parametrize(("speed", "off"), [(15.0, True), (4.0, False), (0.0, False)])
+def test_a_vehicle_that_would_pass_its_destination_after_a_junction_is_handed_back_inside(
+    tmp_path: Path, speed: float, off: bool
+) -> None:
+    """Past a last edge of 2.4 m, SUMO put it on the opposite edge, on which its route had led before, before another
+    car (Vaduz)."""
+    places = (("a", 0, 0), ("j", 200, 0), ("b", 209.6, 0), ("n", 200, 100), ("s", 200, -100))
+    nodes = "".join(f'<node id="{name}" x="{x}" y="{y}"/>' for name, x, y in places)
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}"/>' for a, b in ("aj", "jb", "jn", "sj"))
+    car = '<route id="r" edges="aj jb"/><vehicle id="car" route="r" depart="0" departPos="190"/>'
+    with opened(make_scenario(tmp_path, nodes, edges, car)) as session:
+        session.step()
+        assert libsumo.lane.getLength("jb_0") < 0.4 * 15.0
+        seen, (x, y) = _seen(session, "car"), libsumo.lane.getShape("jb_0")[0]
+        # Its front is 1 m before the end of the junction.
+        world = replace(seen, x=np.array([x - 3.5]), y=np.array([y]), speed=np.array([speed]))
+        routes = Routes(libsumo, session.network)
+        routes.ahead(seen, 1)
+        routes.ahead(world, 1)
+        assert routes.off_route(("car",)).tolist() == [off]
+
+
 @pytest.mark.parametrize(("heading", "time", "off"), [(0.9, 12.0, True), (0.9, 8.0, False), (0.3, 12.0, False)])
 def test_a_vehicle_that_stands_across_its_path_is_off_its_route(
     tmp_path: Path, heading: float, time: float, off: bool

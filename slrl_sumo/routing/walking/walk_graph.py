@@ -3,7 +3,7 @@
 import heapq
 import random
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +15,7 @@ from slrl_sumo.routing.walking.walk_path import PathDrawing, Step, WalkPath
 from slrl_sumo.routing.walking.walking_area import distance_to
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
-from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane, lane_index
 from slrl_sumo.sumo.network.links import LaneLinks
 
 RANDOM_EDGES = 12
@@ -40,6 +40,12 @@ class WalkGraph:
             ):
                 self._lane_of[lane.edge] = lane
         self._edge_of = {lane.id: edge for edge, lane in self._lane_of.items()}
+        lanes = {lane.id: lane for lane in network.lanes}
+        self._next_on_left = {
+            lane.edge: _is_left_of(beside, lane) for lane, beside in _on_carriageways(self._lane_of, lanes)
+        }
+        """Whether the next lane for vehicles is to the left of the lane that persons walk on, by edge with such a
+        lane."""
         walkable = {**{lane.id: lane for lane in self._lane_of.values()}, **self._internal}
         self._neighbours: dict[str, list[str]] = {lane: [] for lane in walkable}
         self._entered_from: dict[str, str] = {}
@@ -170,7 +176,9 @@ class WalkGraph:
         inside."""
         for i, (edge, forward) in enumerate(steps):
             lane, last = self._lane_of[edge], i == len(steps) - 1
-            drawn.walk_along(lane, forward, arrival if last else None)
+            # Between two lanes of a carriageway, cars on both sides would pass within 0.5 m: persons walk at its edge.
+            on_left = self._next_on_left.get(edge, forward) != forward
+            drawn.walk_along(lane, forward, arrival if last else None, on_left=on_left)
             if not last:
                 following = self._lane_of[steps[i + 1][0]].id
                 through = self._through(lane.id, following, self._left_by(edge, forward), here if i == 0 else "")
@@ -220,6 +228,20 @@ class WalkGraph:
                     further = self._internal[lane].length if inside else 0.0
                     heapq.heappush(todo, (length + further, [*way, lane]))
         return ways
+
+
+def _on_carriageways(walked: Mapping[str, Lane], lanes: Mapping[str, Lane]) -> Iterator[tuple[Lane, Lane]]:
+    """The lanes of vehicles among those `walked`, by edge, that have a next lane of vehicles, each with that lane."""
+    for lane in walked.values():
+        beside = lanes.get(f"{lane.edge}_{lane_index(lane.id) + 1}")
+        if beside is not None and lane.surface == beside.surface == Surface.ROAD:
+            yield lane, beside
+
+
+def _is_left_of(lane: Lane, other: Lane) -> bool:
+    """Whether a lane begins to the left of the `other` one; to the right where traffic keeps to the left."""
+    (x0, y0), (x1, y1), (x, y) = *other.points[:2], lane.points[0]
+    return (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0)
 
 
 def _distance(lane: Lane, x: float, y: float) -> float:

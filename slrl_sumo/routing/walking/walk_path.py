@@ -87,14 +87,15 @@ class PathDrawing:
         self._ends: list[int] = []
         self._last_edge_end = 0
 
-    def walk_along(self, lane: Lane, forward: bool, arrival: float | None = None) -> None:
-        """Add the lane of an edge, up to `arrival` (m from its begin)."""
+    def walk_along(self, lane: Lane, forward: bool, arrival: float | None = None, *, on_left: bool = False) -> None:
+        """Add the lane of an edge, up to `arrival` (m from its begin); `on_left`: on its left side, seen in the
+        direction of walking."""
         shape = list(lane.points)
         if arrival is not None:
             whole, _ = line_through(shape)
             place = min(max(arrival, 0.0), lane.length) * whole.end / max(lane.length, 0.1)
             shape = whole.between(0.0, place) if forward else whole.between(place, whole.end)
-        walk = _beside(shape if forward else shape[::-1], self._side, lane)
+        walk = _beside(shape if forward else shape[::-1], self._side, lane, -1.0 if on_left else 1.0)
         self._points += [*_way_on(self._points, self._area, walk[0]), *walk]
         self._ends.append(len(self._points) - 1)
         if math.dist(shape[0], shape[-1]) >= SHORT_EDGE or len(self._ends) == 1:
@@ -172,12 +173,15 @@ def _directed_from(area: Lane | None, here: tuple[float, float], crossing: Lane)
     return shape if begin <= end else shape[::-1]
 
 
-def _beside(shape: list[tuple[float, float]], side: float, lane: Lane) -> list[tuple[float, float]]:
+def _beside(
+    shape: list[tuple[float, float]], side: float, lane: Lane, to_the_right: float = 1.0
+) -> list[tuple[float, float]]:
     """The line beside the middle of a lane; `shape`: its middle line in the direction of walking, `side`: see
-    `path`."""
+    `path`. `to_the_right`: 1, or -1 for a line to the left of the middle."""
     most = max(0.5 * lane.width - CLEARANCE, 0.0)
     least = min(OFF_VEHICLES if lane.surface == Surface.ROAD else ASIDE, most)
-    return [(x, y) for x, y in _to_the_right(np.array(shape), least - side * (most - least)).tolist()]
+    aside = to_the_right * (least - side * (most - least))
+    return [(x, y) for x, y in _to_the_right(np.array(shape), aside).tolist()]
 
 
 @compiled

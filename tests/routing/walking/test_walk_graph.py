@@ -7,7 +7,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
-from builders import make_crossroads
+from builders import make_crossroads, make_scenario
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.netgen.scenario import write_scenario
@@ -69,6 +69,22 @@ def test_persons_keep_off_the_middle_of_lanes_of_vehicles() -> None:
             path = graph.path((lane.edge,), lane.length, side, x, y)
             assert path is not None
             assert -middle.nearest(*path.line.at(0.5 * path.line.end)[:2])[1] == pytest.approx(aside, abs=0.01)
+
+
+@pytest.mark.parametrize("lefthand", [False, True])
+@pytest.mark.parametrize("forward", [False, True])
+def test_persons_walk_at_the_edge_of_the_carriageway(forward: bool, lefthand: bool, tmp_path: Path) -> None:
+    """Against the direction of a street with two lanes they walked between both, as SUMO's do, and cars hit them."""
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="100" y="0"/><node id="c" x="200" y="0"/>'
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="2"/>' for a, b in ("ab", "bc"))
+    config = make_scenario(tmp_path, nodes, edges, "", *(["--lefthand"] if lefthand else []))
+    with SumoSession(find_scenario(str(config)), seed=1) as session:
+        graph = WalkGraph(libsumo, session.network)
+        lane, _ = line_through(graph._lane_of["ab"].points)
+        path = graph.path(("ab", "bc") if forward else ("bc", "ab"), 50.0, -0.5, 0.0, 0.0)
+        assert path is not None
+        left = lane.place(*path.line.at(path.line.nearest(70.0, 0.0)[0])[:2], 0.0, lane.end)[1]
+        assert (left if lefthand else -left) == pytest.approx(1.3, abs=0.01)
 
 
 def test_no_path_returns_over_a_crossing() -> None:
