@@ -37,7 +37,7 @@ of a circle."""
 PIECES = 8
 """Segments of a curve."""
 KEPT = 16384
-"""Curves that are kept: in a part of Helsinki the search for them took 7 % of a decision."""
+"""Curves that are kept: a decision in a part of Helsinki takes 0.98 of its time."""
 
 Point = tuple[float, float]
 
