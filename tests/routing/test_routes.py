@@ -243,14 +243,14 @@ def test_a_vehicle_held_for_long_enters_a_junction_in_which_it_may_have_to_stand
     routes, world = Routes(libsumo, signalised.network), _seen(signalised, "car")
     stands = replace(world, speed=np.zeros(1))
     kept = {}
-    # 160 s of red before the first green do not count; the second green is 80 s later, the third one 121 s.
-    for k, state in enumerate("r" * 400 + "G" + "r" * 199 + "G" + "r" * 101 + "GG"):
+    # 160 s of red before the first green do not count; the second green is 200 s later, the third one 301 s.
+    for k, state in enumerate("r" * 400 + "G" + "r" * 499 + "G" + "r" * 251 + "GG"):
         _signals(state)
         route = routes.ahead(replace(stands, time=world.time + k * DECISION_INTERVAL), 1)
         kept[k] = math.isfinite(route.keep_clear_line[0])
-    assert [k for k, keeps in kept.items() if not keeps] == [702, 703]
+    assert [k for k, keeps in kept.items() if not keeps] == [1152, 1153]
     # Once it moves, it goes on.
-    moves = replace(world, time=world.time + 704 * DECISION_INTERVAL, speed=np.ones(1))
+    moves = replace(world, time=world.time + 1154 * DECISION_INTERVAL, speed=np.ones(1))
     assert math.isinf(routes.ahead(moves, 1).keep_clear_line[0])
 
 
