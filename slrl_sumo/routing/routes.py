@@ -216,9 +216,10 @@ class Routes:
         priority (inf: none). `entries`: those ahead of the vehicle."""
         stop, look = self._speed_limits.stop_at_lane_end(track), math.inf
         ahead = self._speed_limits.entries_ahead(track, entries, REACTION_TIME)
-        yellow = (e.via for e, _, rule, _ in ahead if rule == "stop" and self._right_of_way.signal(e) == YELLOW)
-        track.history.stops_for_yellow = next(yellow, "")
+        track.history.stops_for_yellow = ""
         for entry, distance, rule, too_late in ahead:
+            if rule == "stop" and not track.history.stops_for_yellow and self._right_of_way.signal(entry) == YELLOW:
+                track.history.stops_for_yellow = entry.via
             if rule == "stop" or not self._reservations.request_entry(
                 road_user, track, entry, priority=rule == "go", size=size, too_late=too_late
             ):
@@ -248,8 +249,8 @@ class Routes:
             history.blocks = entries[0][0].via
         # The junction that the vehicle is in does not count: it may already block others, so it drives on.
         here = junction_of(history.entry) if history.entry else ""
-        kept = (e for e, _ in entries if e.junction != here and e.via != history.blocks)
-        ends = ((e, self._reservations.crossed_until(e)) for e in kept)
+        until, blocks = self._reservations.crossed_until, history.blocks
+        ends = ((e, until(e)) for e, _ in entries if e.junction != here and e.via != blocks)
         crossed = ((e, end) for e, end in ends if end > e.stop_line)
         entry, end = next(crossed, (None, math.inf))
         if entry is not None:
@@ -280,9 +281,10 @@ class Routes:
 def _passes_destination(track: VehicleTrack, left: float) -> bool:
     """Whether a vehicle in a junction has no decision after it and before its destination, `left` m ahead: past that,
     SUMO would put it on another place of its route."""
+    if not track.history.entry or not is_near_end(left, track.speed):
+        return False
     inside = next((e.exit for e in track.path.entries if e.via == track.history.entry), track.s)
-    after = left - (inside - track.s)
-    return inside > track.s and is_near_end(left, track.speed) and after < track.speed * DECISION_INTERVAL
+    return inside > track.s and left - (inside - track.s) < track.speed * DECISION_INTERVAL
 
 
 def _turned(track: VehicleTrack, heading: float, s: float) -> float:
