@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from slrl_sumo.routing.junctions.bent_lane import is_bent
 from slrl_sumo.routing.polyline import Polyline, direction_between, line_through
 from slrl_sumo.routing.short_lanes import curve_over
-from slrl_sumo.sumo.network.lanes import Lane, lane_index
+from slrl_sumo.sumo.network.lanes import Lane, neighbour
 
 PARALLEL = 0.35
 """Greatest angle (rad) between a lane and a next lane that begins beside it; a connection at a greater angle to both
@@ -111,16 +111,11 @@ def _have_room(place: tuple[float, float], lane: Lane, following: Lane, network:
     step = _step_towards(place, following, network)
     if not step:
         return True
-    outer, beside = following, _neighbour(lane, step, network)
-    while beside is not None and (after := _neighbour(outer, step, network)) is not None:
-        outer, beside = after, _neighbour(beside, step, network)
+    outer, beside = following, neighbour(lane, step, network)
+    while beside is not None and (after := neighbour(outer, step, network)) is not None:
+        outer, beside = after, neighbour(beside, step, network)
     (x0, y0), (x1, y1) = following.points[0], outer.points[0]
     return outer is following or _carriageway_between((place[0] + x1 - x0, place[1] + y1 - y0), outer, network)
-
-
-def _neighbour(lane: Lane, step: int, network: Mapping[str, Lane]) -> Lane | None:
-    """The lane `step` lanes to the left on the same edge; to the right where traffic keeps to the left."""
-    return network.get(f"{lane.edge}_{lane_index(lane.id) + step}")
 
 
 def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mapping[str, Lane]) -> bool:
@@ -128,18 +123,18 @@ def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mappin
     nearest, step = _away(lane, place), _step_towards(place, lane, network)
     if not step:
         return nearest <= 0.5 * lane.width
-    between = _neighbour(lane, step, network)
+    between = neighbour(lane, step, network)
     while between is not None and between.surface == lane.surface:
         away = _away(between, place)
         if away <= 0.5 * between.width or away >= nearest:
             return True
-        between, nearest = _neighbour(between, step, network), away
+        between, nearest = neighbour(between, step, network), away
     return False
 
 
 def _step_towards(place: tuple[float, float], lane: Lane, network: Mapping[str, Lane]) -> int:
-    """The step, see `_neighbour`, to the lane beside a lane that begins nearer to a place; 0 without one."""
-    left, right = (_away(_neighbour(lane, step, network), place) for step in (1, -1))
+    """The step, see `neighbour`, to the lane beside a lane that begins nearer to a place; 0 without one."""
+    left, right = (_away(neighbour(lane, step, network), place) for step in (1, -1))
     if min(left, right) >= _away(lane, place):
         return 0
     return 1 if left < right else -1

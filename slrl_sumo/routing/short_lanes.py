@@ -64,21 +64,21 @@ def curve_over(lanes: Sequence[Lane], first: int) -> Curve | None:
     ends = _lanes_after(lanes, first)
     if not ends:
         return None
-    found = _best_curve(tuple(lanes[first - 1 : ends[-1] + 1]), tuple([after - first + 1 for after in ends]))
+    found = _best_curve(tuple(lanes[first - 1 : ends[-1] + 1]))
     return None if found is None else found._replace(after=found.after + first - 1)
 
 
 @lru_cache(KEPT)
-def _best_curve(lanes: tuple[Lane, ...], ends: tuple[int, ...]) -> Curve | None:
-    """See `curve_over`: it begins after the first of the `lanes`, and may end on those of the indices `ends`."""
-    before, first = lanes[0].points, 1
-    drawn = (point for lane in lanes[first : ends[0]] for point in lane.points)
+def _best_curve(lanes: tuple[Lane, ...]) -> Curve | None:
+    """See `curve_over`: it begins after the first of the `lanes`, and may end on each one up to the last."""
+    before, ends = lanes[0].points, _lanes_after(lanes, 1)
+    drawn = (point for lane in lanes[1 : ends[0]] for point in lane.points)
     if tightest_zigzag([*before[-2:], *drawn, *lanes[ends[0]].points[:2]]) < ZIGZAG:
         return None
     best, least = None, (math.inf, math.inf)
     for after in ends:
         line, _ = line_through(lanes[after].points)
-        replaced, _ = line_through([*before[-2:], *(p for lane in lanes[first : after + 1] for p in lane.points)])
+        replaced, _ = line_through([*before[-2:], *(p for lane in lanes[1 : after + 1] for p in lane.points)])
         for k in range(1 + int(min(FARTHEST, 0.5 * line.end) / STEP)):
             points = _curve(before[-2], before[-1], line, k * STEP)
             turning = zigzag([*before[-2:], *points, line.at(k * STEP + 0.5 * STEP)[:2]])

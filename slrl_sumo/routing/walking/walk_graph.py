@@ -15,7 +15,7 @@ from slrl_sumo.routing.walking.walk_path import PathDrawing, Step, WalkPath
 from slrl_sumo.routing.walking.walking_area import distance_to
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
-from slrl_sumo.sumo.network.lanes import Lane, lane_index
+from slrl_sumo.sumo.network.lanes import Lane, neighbour
 from slrl_sumo.sumo.network.links import LaneLinks
 
 RANDOM_EDGES = 12
@@ -233,7 +233,7 @@ class WalkGraph:
 def _on_carriageways(walked: Mapping[str, Lane], lanes: Mapping[str, Lane]) -> Iterator[tuple[Lane, Lane]]:
     """The lanes of vehicles among those `walked`, by edge, that have a next lane of vehicles, each with that lane."""
     for lane in walked.values():
-        beside = lanes.get(f"{lane.edge}_{lane_index(lane.id) + 1}")
+        beside = neighbour(lane, 1, lanes)
         if beside is not None and lane.surface == beside.surface == Surface.ROAD:
             yield lane, beside
 

@@ -1,6 +1,6 @@
 """The lanes of a network, and points sampled along them: starting points, and the lane under a position."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -55,6 +55,12 @@ class Lane:
 def lane_index(lane: str) -> int:
     """The index of a lane, by its id, on its edge: SUMO counts from the kerb."""
     return int(lane.rpartition("_")[2])
+
+
+def neighbour(lane: Lane, step: int, lanes: Mapping[str, Lane]) -> Lane | None:
+    """The lane `step` lanes to the left on the same edge, of the `lanes` by id; to the right where traffic keeps to
+    the left. None without one."""
+    return lanes.get(f"{lane.edge}_{lane_index(lane.id) + step}")
 
 
 LANE_CANDIDATES = 12
